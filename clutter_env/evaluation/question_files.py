@@ -71,21 +71,21 @@ def scenes(objects: int, count: int, first_seed: int) -> list[tuple[Kind, int]]:
 def asked(
     env: gym.Env[Any, Any], kind: Kind, seed: int, asker: Asker
 ) -> tuple[Scene, str, list[Question], dict[str, Any]]:
-    """The scene of a kind for a seed, its target, the questions, and the observation.
+    """The scene of a kind for a seed, its target ("" of blocks), the questions, and the observation.
 
     Asked about are the target and another object: the obstructed one, where that is not the target.
     """
     observation, info = env.reset(seed=seed)
     inner: Any = env.unwrapped
     rng = np.random.default_rng(seed)
-    target = info["target"] or str(rng.choice(inner.world.names))
+    target = info["target"]
     other = str(rng.choice([name for name in inner.world.names if name != target]))
     if kind.is_turned:
         target, other = other, target
         chosen = {"objects": _described(inner.world.scene), "target": target, "obstructed": False}
         observation, _ = env.reset(seed=seed, options=chosen)
     scene = Scene.from_mujoco(inner.model, inner.data, inner.robot)
-    return scene, target, asker.questions(inner, (target, other)), observation
+    return scene, target, asker.questions(inner, [one for one in (target, other) if one]), observation
 
 
 def _described(scene: TableScene) -> list[dict[str, Any]]:

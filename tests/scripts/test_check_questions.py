@@ -164,7 +164,7 @@ def test_the_commonest_answer_is_what_can_be_won_without_looking() -> None:
 def test_files_say_what_was_asked_and_simple_rules_are_scored(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    chosen = {"scenes": 20, "image-size": 64, "out": tmp_path, "first-seed": FIRST}
+    chosen = {"scenes": 20, "image-size": 128, "out": tmp_path, "first-seed": FIRST}
     main(["questions", "make", *(f"--{name}={value}" for name, value in chosen.items())])
     questions = read_lines(tmp_path / QUESTIONS, ("id", "text"))
     placed = {line["scene"]: line for line in read_lines(tmp_path / SCENES, ("objects",))}
@@ -176,7 +176,7 @@ def test_files_say_what_was_asked_and_simple_rules_are_scored(
         shown = []
         for files in question["images"].values():
             masks, colours = (np.array(Image.open(tmp_path / files[part])) for part in ("segmentation", "rgb"))
-            assert (masks.shape, colours.shape) == ((64, 64), (64, 64, 3))
+            assert (masks.shape, colours.shape) == ((128, 128), (128, 128, 3))
             shown += masks.ravel().tolist()
         answer = question["answer"] if question["kind"] in ("which", "touched", "falls") else []
         assert {question["mask_values"][name] for name in (question["about"], *answer)} <= {*shown}
