@@ -268,7 +268,7 @@ class PlacementSearch:
             hollow_about(scene, place.face) if place.area is not None and not place.below else None
         )
         if hollow is not None and len(drops) == 1:
-            for found in self._let_fall(world, place, hollow, allowed, deadline):
+            for found in self._let_fall(world, place, hollow, allowed, leaving, others, deadline):
                 yield replace(found, surfaces=surfaces, below=place.below)
 
     def _let_fall(
@@ -277,17 +277,21 @@ class PlacementSearch:
         place: Place,
         hollow: Hollow,
         allowed: Callable[[Array], NDArray[np.bool_]],
+        leaving: Collection[str],
+        others: Sequence[Body],
         deadline: Deadline,
     ) -> Iterator[Placement]:
         """Find placements from which the held object falls into a container, the shortest fall and the middle first.
 
         They serve where the hand does not fit between the walls at the bottom. The object's lowest point starts below
-        the rim.
+        the rim. If others come later, locations that leave room for them come before the middle.
         """
         (_, body), level, free_at = in_hand(world.scene), place.face.top, _free_poses(world)
         middle, points = np.array(hollow.area.centre), list[tuple[Array, Yaws]]()
-        inside = locations_in(world.scene, body, place, (), (), allowed)
-        for point, yaws in sorted(inside, key=lambda one: (len(one[1]) > 1, math.dist(one[0], middle))):
+        inside = locations_in(world.scene, body, place, leaving, others, allowed)
+        if not others:
+            inside = iter(sorted(inside, key=lambda one: (len(one[1]) > 1, math.dist(one[0], middle))))
+        for point, yaws in inside:
             known = [other for other, how in points if how == yaws]
             if len(known) < _LOCATIONS_OF_FALLS and all(math.dist(point, one) > _BETWEEN_FALLS for one in known):
                 points.append((point, yaws))

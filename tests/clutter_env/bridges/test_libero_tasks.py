@@ -204,7 +204,7 @@ def test_a_fact_that_is_not_known_is_told() -> None:
 
 
 def test_the_slant_of_a_region_without_a_level_face_is_told() -> None:
-    with pytest.raises(BridgeError, match="level is under the region 'rack_1_top_region': rack_1_sheet slants by 29 deg"):
+    with pytest.raises(BridgeError, match="under the region 'rack_1_top_region': rack_1_sheet slants by 29 degrees"):
         task(("on", "can_1", "rack_1_top_region"))
 
 
