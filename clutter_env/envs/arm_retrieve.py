@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from assets import RobotSpec
 from clutter_env.config import EnvConfig
 from clutter_env.envs.arm import GOAL_RANGE, DownwardArm
-from clutter_env.envs.from_above import FINGER_ROOM, TIP, Standing
+from clutter_env.envs.from_above import Nearness, Standing
 from clutter_env.envs.observation import POSITION_BOUND, VELOCITY_BOUND, Column, EntryLayout
 from clutter_env.envs.relevance import OBJECT_ORDERS, StagedRetrieveEnv, relevance_order
 from clutter_env.envs.reset_options import ResetOptions
@@ -36,12 +36,6 @@ GAP = 0.012
 """[m] between two objects at least."""
 BLOCKED_SHARE = 0.5
 """Share of scenes with several objects in which one of them is in the way of the target; never are there two."""
-REACH_SCALE = 5.0
-"""[1/m] The reaching term falls to a half at 0.11 m."""
-OVER = 0.01
-"""[m] of the fingertips above an object, from where the gripper goes down around it."""
-AROUND = 0.8
-"""Share of the descent from which the object is between the fingers, which may then close."""
 CLOSING = 0.75
 """Share of the grasping term that fingers earn which have closed on the target and do not hold it yet."""
 CLEAR_GAP, CLEAR_LIFT = 0.03, 0.10
@@ -260,26 +254,10 @@ class ArmRetrieveEnv(DownwardArm, StagedRetrieveEnv):
         grasp = 1.0 if held == target else CLOSING * closed
         return stage_terms(way, reach, around, grasp, lift, hold, self.world.scene.num_objects)
 
-    def _nearness(self, slot: int, standing: Standing) -> tuple[float, float, float]:
-        """How near the gripper is to the grasp of an object, how far the object is between the fingers, and how far
-        they have closed on it there, each 0 to 1.
-
-        Near is measured along the way from above: a gripper low beside an object is far from its grasp. Half of it is
-        for fingers that are open enough, or have the object between them.
-        """
-        half_width, top = float(standing.half_widths[slot]), float(standing.tops[slot])
-        grasp, over = standing.grasp_height(slot, LOWEST), top + TIP + OVER
-        x, y, z = (float(value) for value in self.data.site_xpos[self.world.index.tcp_site])
-        height, off_axis = z - TABLE_HEIGHT, math.hypot(x - standing.centres[slot, 0], y - standing.centres[slot, 1])
-        is_over = off_axis < half_width / 2 + FINGER_ROOM
-        way = abs(height - grasp) if is_over else abs(height - over) + over - grasp
-        around = min(max((top + TIP - height) / (top + TIP - grasp), 0.0), 1.0) if is_over else 0.0
-        room = float(self._gripper()[2][0]) - 2 * half_width
-        near = 1.0 - math.tanh(REACH_SCALE * (off_axis + way))
-        if around > AROUND:
-            most = max(self.robot.max_opening - 2 * half_width, FINGER_ROOM)
-            return near, around, 1.0 - min(max(room / most, 0.0), 1.0)
-        return near * (1.0 + min(max(room / (2 * FINGER_ROOM), 0.0), 1.0)) / 2, around, 0.0
+    def _nearness(self, slot: int, standing: Standing) -> Nearness:
+        x, y, z = self.data.site_xpos[self.world.index.tcp_site].tolist()
+        width = float(self._gripper()[2][0])
+        return standing.nearness(slot, LOWEST, (x, y, z - TABLE_HEIGHT), width, self.robot.max_opening)
 
     # Observation, actions, saved states.
 
