@@ -76,12 +76,20 @@ OBJECT_ROW = EntryLayout(
 )
 """The numbers of one object: `from_tcp` and `from_target` its centre relative to the TCP and to the target (of the
 target itself: to where the TCP is at the start); `axis` its own upward axis."""
+ROLE_ROW = EntryLayout(
+    {
+        **{name: OBJECT_ROW.columns[place] for name, place in OBJECT_ROW.items()},
+        "in_the_way": [Column("in_the_way", "", 1.0)],
+    }
+)
+"""The same with `roles`: 1 if the object is in the way of the target, or in the gripper without being the target."""
 
 
-def arm_retrieve_layout(num_objects: int, turns: bool = False) -> EntryLayout:
+def arm_retrieve_layout(num_objects: int, turns: bool = False, roles: bool = False) -> EntryLayout:
     """The layout of an observation: the gripper, the task, and a row for each object."""
+    columns = (ROLE_ROW if roles else OBJECT_ROW).columns
     rows = {
-        f"object_{row}": [column._replace(name=f"object_{row}.{column.name}") for column in OBJECT_ROW.columns]
+        f"object_{row}": [column._replace(name=f"object_{row}.{column.name}") for column in columns]
         for row in range(num_objects)
     }
     return EntryLayout({**_GRIPPER, **(_TURNED if turns else {}), **_TASK, **rows})
@@ -89,7 +97,7 @@ def arm_retrieve_layout(num_objects: int, turns: bool = False) -> EntryLayout:
 
 @dataclass(frozen=True)
 class ArmRetrieveConfig(EnvConfig):
-    """The keyword arguments of `ArmRetrieveEnv`: those of `EnvConfig`, and two of its own.
+    """The keyword arguments of `ArmRetrieveEnv`: those of `EnvConfig`, and three of its own.
 
     Raises:
         ConfigError: see `EnvConfig`; or a value that this environment fixes.
@@ -104,6 +112,8 @@ class ArmRetrieveConfig(EnvConfig):
     """Order of the objects in an observation, one of `OBJECT_ORDERS`."""
     turns: bool = False
     """Whether an action has seven numbers: three more turn the gripper about the axes of the base."""
+    roles: bool = False
+    """Whether an observation says of each object if it is in the way of the target."""
 
     @property
     def reward_modes(self) -> tuple[str, ...]:
@@ -117,7 +127,8 @@ class ArmRetrieveConfig(EnvConfig):
         check_choice("base", self.base, ("holonomic", "fixed"))
         object.__setattr__(self, "base", "holonomic")  # which stands where it is put, since no action moves it
         check_choice("object_order", self.object_order, OBJECT_ORDERS)
-        check_choice("turns", self.turns, (False, True))
+        for name in ("turns", "roles"):
+            check_choice(name, getattr(self, name), (False, True))
         super().__post_init__()
 
 
@@ -147,7 +158,7 @@ class ArmRetrieveEnv(DownwardArm, StagedRetrieveEnv):
     def __init__(self, **keywords: Any) -> None:
         super().__init__(**keywords)
         self._have_actions(7 if self.config.turns else 4)
-        self._shown = arm_retrieve_layout(self.config.num_objects, self.config.turns)
+        self._shown = arm_retrieve_layout(self.config.num_objects, self.config.turns, self.config.roles)
 
     @property
     def observation_layout(self) -> Mapping[str, EntryLayout]:
@@ -278,7 +289,8 @@ class ArmRetrieveEnv(DownwardArm, StagedRetrieveEnv):
             parts.append(quaternion * math.copysign(1.0, quaternion[0]))
         hold = min(self._monitor.steps_held / HOLD_STEPS, 1.0)
         parts.append(np.array([self._monitor.lift / UNIT, hold]))
-        rows = np.zeros((self.config.num_objects, OBJECT_ROW.size))
+        columns = ROLE_ROW if self.config.roles else OBJECT_ROW
+        rows = np.zeros((self.config.num_objects, columns.size))
         target, held = self.target_slot, self.measurements.held
         for row, slot in zip(rows, self._order, strict=False):  # explicit scenes may have fewer objects
             at, (w, x, y, z) = poses[slot, :3], poses[slot, 3:].tolist()
@@ -290,6 +302,8 @@ class ArmRetrieveEnv(DownwardArm, StagedRetrieveEnv):
             row[OBJECT_ROW["half_extents"]] = scene.half_extents[slot] / UNIT
             row[OBJECT_ROW["is_box"]] = scene.is_box[slot]
             row[OBJECT_ROW["held"]] = slot == held
+        if self.config.roles:
+            rows[: len(self._order), ROLE_ROW["in_the_way"]] = np.isin(self._order, self.in_the_way)[:, None]
         vector, bounds = np.concatenate([*parts, rows.ravel()]), self._shown.bounds
         return {"observation": np.minimum(np.maximum(vector, -bounds), bounds).astype(np.float32)}
 
@@ -327,7 +341,8 @@ class ArmRetrieveEnv(DownwardArm, StagedRetrieveEnv):
         return np.concatenate((np.zeros(3), velocity))
 
     def _make_observation_space(self) -> spaces.Dict:
-        bounds = arm_retrieve_layout(self.config.num_objects, self.config.turns).bounds.astype(np.float32)
+        config = self.config
+        bounds = arm_retrieve_layout(config.num_objects, config.turns, config.roles).bounds.astype(np.float32)
         return spaces.Dict({"observation": spaces.Box(-bounds, bounds)})
 
 
