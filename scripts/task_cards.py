@@ -325,7 +325,7 @@ def overview() -> str:
         (
             f"[{card.name}]({card.file.name})",
             card.success.split(". ")[0].rstrip(".") + ".",
-            *(score.figure for score in _scores(card)),
+            *(re.sub(r" \[[^]]*\]", "", score.figure) for score in _scores(card)),  # intervals are on the cards
         )
         for card in CARDS_OF_FAMILIES
     ]
