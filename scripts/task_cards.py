@@ -301,6 +301,7 @@ class Arguments:
 
 def main(arguments: Arguments) -> None:
     """Write all cards, their table, and the pictures."""
+    CARDS.mkdir(parents=True, exist_ok=True)
     for path, text in pages().items():
         write_atomically(path, text.encode())
     if arguments.pictures:
