@@ -299,7 +299,7 @@ def _play_in_worker(
             raise PolicyCrashed(f"the policy was {traits}, and in another process is {process.traits}")
         scene = job.scenes.scenes[index]
         if traits.track == "privileged":
-            recording = process.play(job.scenes, index)
+            recording = process.play(scene)
         else:
             env = _seen_env(job.scenes, traits.acts_by_skills, job.feasibility, json.dumps(traits.env_keywords))
             played = scene_for(scene, traits.acts_by_skills, job.feasibility)
