@@ -139,6 +139,9 @@ def table(rows: Sequence[tuple[Result, Row]], known: Mapping[str, str]) -> str:
         "`make results` makes them again, and this page and the picture on the results page from them. "
         "[What a results file holds, and what it proves](../docs/verification.md).",
         "",
+        "`cards.json` has the scores of the [task cards](../docs/environments/cards/index.md) that no other file has: "
+        "`python -m scripts.card_scores` makes them again.",
+        "",
     ]
     return "\n".join(lines)
 
