@@ -65,8 +65,6 @@ ROWS = (
         for name in ("drawer-5-v1", "cupboard-5-v1", "fridge-10-v1", "blocked-drawer-5-v1")
     ),
     Result("side-15-v3", "keyframes"),
-    Result("side-15-v3", "greedy"),
-    Result("deep-15-v2", "keyframes"),
 )
 """The results of the repository."""
 
