@@ -25,9 +25,10 @@ from planners.clock import NO_DEADLINE, Deadline
 from planners.goals import Clear, Goal, On, occupants
 from planners.grasping.candidates import GraspCandidates
 from planners.placing.blockers import PutDownMasks, put_down_masks
-from planners.placing.goal_places import in_the_way, must_go_first, place_of, without_room
+from planners.placing.goal_places import Place, in_the_way, must_go_first, place_of, without_room
 from planners.placing.placements import PlacementSearch
 from planners.scene import MAX_OBJECTS, Scene
+from planners.scene.cover import is_covered
 
 _GOAL, _ASIDE, _PUT = "\0goal", "\0aside ", "\0put "
 """Prefixes of imaginary objects. No real name contains a null character."""
@@ -42,7 +43,8 @@ class LowerBound:
             found.
         objects: the objects to pick, in an order in which they can be taken.
         aside: objects that must be picked twice. They are put aside first, since others wait for them to leave.
-        proved: whether `picks` is exact for the places where objects stand. If not, only `least` is proved.
+        proved: whether `picks` is exact for the places where objects stand. If not, only `least` is proved. Never for
+            objects that go under a shelf: what the hand and the drive hit there is not known before they are planned.
         least: no plan has fewer picks.
         cause: "", or why planning is impossible: "unreachable", "no self-clearable set", "time limit" or "no clearance
             location". With the last one, the objects are too many or too large for their places.
@@ -108,7 +110,9 @@ def fewest_picks(
         buffers,
     )
     found = table.fewest(expansions, deadline)
-    is_exact = found.picks is None or not _may_be_in_the_way(scene, goal, to_move, waiting_for)
+    is_exact = found.picks is None or not (
+        _may_be_in_the_way(scene, goal, to_move, waiting_for) or _goes_under_a_shelf(scene, goal, to_move)
+    )
     return replace(found, proved=found.proved and is_exact)
 
 
@@ -223,6 +227,19 @@ def _may_be_in_the_way(
         for fact in goal.placed
         if fact.object in to_move and not (isinstance(fact, On) and fact.place in to_move)
     )
+
+
+def _goes_under_a_shelf(scene: Scene, goal: Goal, to_move: Collection[str]) -> bool:
+    """Whether an object is put down under a shelf, where nothing is claimed about objects in the way."""
+    facts = {fact.object: fact for fact in goal.placed if fact.object in to_move}
+    # An object that goes onto a moving one comes to where that one goes.
+    return any(_is_covered(scene, place_of(scene, fact)) for fact in facts.values() if fact.where not in facts)
+
+
+def _is_covered(scene: Scene, place: Place) -> bool:
+    point = place.location if place.area is None else place.area.centre
+    assert point is not None
+    return is_covered(scene, (*point, place.face.top))
 
 
 def _put_downs(
