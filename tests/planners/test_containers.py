@@ -10,6 +10,7 @@ import assets
 from planners import Cause, Infeasible, Solution, execute, goals, solve
 from planners.collision.world import CollisionWorld, objects_on
 from planners.goals import Goal
+from planners.grasping import grasp_poses
 from planners.hollows import hollow_of
 from planners.placing import why_not
 from planners.placing.goal_places import place_of
@@ -171,9 +172,8 @@ def test_how_far_a_hand_opens_is_worked_out_once_for_a_refusal(monkeypatch: pyte
 
     def opening_around(robot: assets.RobotSpec, body: Body, held: HeldObject) -> float:
         asked.append(id(held))
-        return true_opening(robot, body, held)
+        return grasp_poses.opening_around(robot, body, held)
 
-    true_opening = why_not.opening_around
     monkeypatch.setattr(why_not, "opening_around", opening_around)
     world = container_world(box_walls(0.128, 0.128, 0.25), free=False, object_=LOW_CAN, half=0.038)
     start, goal = world.scene(), goals.inside("thing", "basket")
