@@ -236,12 +236,19 @@ def _are_enough(
 def _least(
     hands: Sequence[_Hand], falls: Sequence[float], place: Place, things: Sequence[StaticObstacle | Body]
 ) -> list[StaticObstacle | Body]:
-    """A minimal subset of the obstacles that keeps every hand away. The last ones are kept."""
-    left = list(things)
-    for one in list(things):
-        fewer = [other for other in left if other is not one]
+    """A minimal subset of the obstacles that keeps every hand away. The last ones are kept.
+
+    Obstacles are left out many at a time. The result is that of leaving them out one by one, since further obstacles
+    only keep more hands away.
+    """
+    left, parts = list(things), [list(things)]
+    while parts:
+        part, middle = parts[0], len(parts[0]) // 2
+        fewer = [one for one in left if not any(one is other for other in part)]
         if fewer and _are_enough(hands, falls, place, fewer):
-            left = fewer
+            left, parts = fewer, parts[1:]
+        else:
+            parts = [*([part[:middle], part[middle:]] if middle else []), *parts[1:]]
     return left
 
 
