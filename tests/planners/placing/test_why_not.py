@@ -20,7 +20,7 @@ def box(number: int) -> StaticObstacle:
 def test_the_obstacles_named_are_those_left_when_each_in_turn_is_left_out(
     monkeypatch: pytest.MonkeyPatch, seed: int
 ) -> None:
-    """Each test of a cabinet of 26 walls takes a second or two: one by one, LIBERO's bowl was refused after a minute."""
+    """Each test of a cabinet of 26 walls takes a second: one by one, refusing LIBERO's bowl took a minute."""
     rng, walls = np.random.default_rng(seed), [box(number) for number in range(26)]
     together = [set(rng.choice(26, size=rng.integers(1, 4), replace=False).tolist()) for _ in range(3)]
     asked: list[int] = []
