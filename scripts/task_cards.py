@@ -326,7 +326,7 @@ def overview() -> str:
         (
             f"[{card.name}]({card.file.name})",
             card.success.split(". ")[0].rstrip(".") + ".",
-            *(re.sub(r" \[[^]]*\]", "", score.figure) for score in _scores(card)),  # intervals are on the cards
+            *(_short(score) for score in _scores(card)),
         )
         for card in CARDS_OF_FAMILIES
     ]
@@ -339,11 +339,16 @@ def overview() -> str:
             "`clutter-env list` names all ids. `clutter-env list clutter_env/Pick-v0` prints the facts of one.",
             "",
             table,
-            "The scores are of different scenes, which each card names. "
+            "The scores are of different scenes, which each card names with their intervals. A dash: not measured. "
             "`python -m scripts.task_cards` writes these pages from the environments and the results files.",
             "",
         )
     )
+
+
+def _short(score: Score) -> str:
+    """A figure without its interval."""
+    return "–" if score == NOT_MEASURED else re.sub(r" \[[^]]*\]", "", score.figure)
 
 
 def page(card: Card, ids: Sequence[str]) -> str:
