@@ -326,7 +326,7 @@ def overview() -> str:
         (
             f"[{card.name}]({card.file.name})",
             card.success.split(". ")[0].rstrip(".") + ".",
-            *(re.sub(r" \[[^]]*\]", "", score.figure) for score in _scores(card)),  # intervals are on the cards
+            *(_short(score) for score in _scores(card)),
         )
         for card in CARDS_OF_FAMILIES
     ]
@@ -339,11 +339,16 @@ def overview() -> str:
             "`clutter-env list` names all ids. `clutter-env list clutter_env/Pick-v0` prints the facts of one.",
             "",
             table,
-            "The scores are of different scenes, which each card names. "
+            "The scores are of different scenes, which each card names with their intervals. A dash: not measured. "
             "`python -m scripts.task_cards` writes these pages from the environments and the results files.",
             "",
         )
     )
+
+
+def _short(score: Score) -> str:
+    """A figure without its interval."""
+    return "–" if score == NOT_MEASURED else re.sub(r" \[[^]]*\]", "", score.figure)
 
 
 def page(card: Card, ids: Sequence[str]) -> str:
@@ -507,6 +512,8 @@ def reward_rows(env: gym.Env) -> list[tuple[str, ...]]:
 
 def _reward(mode: str, is_goal: bool, num_objects: int) -> tuple[str, str]:
     """What a step earns, and the least and the most of it."""
+    if is_goal and mode == "staged":
+        return f"progress of the task; 1 within {GOAL_TOLERANCE:.2f} m of the goal", "0, 1"
     if is_goal:
         near = f"0 within {GOAL_TOLERANCE:.2f} m of the goal, else -1"
         return (near, "-1, 0") if mode == "sparse" else ("minus the distance to the goal, m", "-∞, 0")
