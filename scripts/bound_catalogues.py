@@ -27,7 +27,7 @@ from planners import Scene, Solution, TampExpert, clearance_floor, solve, warmup
 from planners.grasping import candidates
 from planners.grasping.families import GRASP_SETS, GraspFamily
 
-CHANGED = ("all-25-v3", "deep-15-v2", "deep-25-v2", "deep-shelf-12-v2", "dense-25-v3", "fetch-8-v3")
+CHANGED = ("all-25-v3", "deep-15-v2", "deep-25-v2", "deep-shelf-12-v2", "dense-25-v3")
 MANY = (40,)
 """Base poses for each gripper pose, in place of `candidates._BASES`."""
 COLUMNS = ("suite", "seed", "grasps", "file", "today", "without 10 mm", "40 bases", "plan", "plan, 40 bases")
@@ -37,7 +37,7 @@ COLUMNS = ("suite", "seed", "grasps", "file", "today", "without 10 mm", "40 base
 class Arguments:
     """Which scenes."""
 
-    names: tuple[str, ...] = tuple(name for name in CHANGED if name != "fetch-8-v3")
+    names: tuple[str, ...] = CHANGED
     """Suites of Retrieve."""
     seeds: tuple[int, ...] = ()
     """Scenes of these seeds alone; without any, all of the suites."""
