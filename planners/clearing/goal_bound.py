@@ -41,6 +41,8 @@ _GOAL, _ASIDE, _PUT = "\0goal", "\0aside ", "\0put "
 class LowerBound:
     """Lower bound of the picks of any plan for a goal, for the declared grasps.
 
+    Like a `ClearanceFloor` it is about a sample of directions, base poses and arm configurations.
+
     Attributes:
         picks: fewest picks. None if planning is impossible (see `cause`). Without a proof, the picks of the best set
             found.
