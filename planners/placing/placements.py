@@ -463,11 +463,13 @@ class _AtPlace:
         """Find placements from which the held object falls into a container, the shortest fall and the middle first.
 
         They serve where the hand does not fit between the walls at the bottom. The object's lowest point starts below
-        the rim.
+        the rim. If others come later, locations that leave room for them come before the middle.
         """
         middle, points = np.array(hollow.area.centre), list[tuple[Array, Yaws]]()
-        inside = locations_in(self.world.scene, self._body, self.place, (), (), self._is_allowed)
-        for point, yaws in sorted(inside, key=lambda one: (len(one[1]) > 1, math.dist(one[0], middle))):
+        inside = locations_in(self.world.scene, self._body, self.place, self.leaving, self.others, self._is_allowed)
+        if not self.others:
+            inside = iter(sorted(inside, key=lambda one: (len(one[1]) > 1, math.dist(one[0], middle))))
+        for point, yaws in inside:
             known = [other for other, how in points if how == yaws]
             if len(known) < _LOCATIONS_OF_FALLS and all(math.dist(point, one) > _BETWEEN_FALLS for one in known):
                 points.append((point, yaws))
