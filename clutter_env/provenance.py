@@ -36,7 +36,7 @@ _PICTURES = ("render_mode", "camera", "width", "height")
 IMAGES = "robot in images"
 """Part of an environment's digest: whether observed images show the robot's meshes, or its primitives where these are
 not installed. Scores are those of replayed actions and do not depend on it."""
-_ABILITIES = ("cameras", "segmentation", "num_points", "head", "reality", "base")
+_ABILITIES = ("cameras", "segmentation", "num_points", "head", "reality", "base", "roles")
 """Keyword arguments that are recorded only if they differ from the default. So records that are older than them stay
 valid."""
 _RULES = {

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
-from typing import Any
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -20,11 +21,13 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from assets import RobotSpec
-from clutter_env.config import EnvConfig
+from clutter_env.config import REWARD_MODES, EnvConfig
 from clutter_env.envs.base import BaseEnv
-from clutter_env.envs.goal import GOAL_TOLERANCE, GoalEnv, clipped
+from clutter_env.envs.from_above import Standing
+from clutter_env.envs.goal import GOAL_TOLERANCE, GoalEnv, clipped, distances
 from clutter_env.envs.observation import POSITION_BOUND, VELOCITY_BOUND, Column, EntryLayout
 from clutter_env.envs.reset_options import ResetOptions
+from clutter_env.envs.staged_pick import pick_reward, pick_terms
 from clutter_env.errors import ActionError, ConfigError, check_choice
 from clutter_env.scene.layout import TABLE_HEIGHT
 from clutter_env.scene.table_scene import TableScene
@@ -184,6 +187,8 @@ class DownwardArm(BaseEnv):
 class ArmEnv(DownwardArm, GoalEnv):
     """A goal environment with such an arm."""
 
+    config_type: ClassVar[type[EnvConfig]] = EnvConfig
+    """Of the keyword arguments."""
     _num_objects: int
     _layout: EntryLayout
 
@@ -193,7 +198,7 @@ class ArmEnv(DownwardArm, GoalEnv):
         check_choice("control_mode", keywords["control_mode"], ("ee",))
         check_choice("head", keywords.get("head", "fixed"), ("fixed",))
         check_choice("base", keywords.get("base", "fixed"), ("holonomic", "fixed"))
-        config = EnvConfig.from_keywords(keywords)
+        config = self.config_type.from_keywords(keywords)
         self._shown = self._layout if config.obs_mode == "state" else REACH_LAYOUT
         super().__init__(config)
         self._have_actions()
@@ -237,14 +242,85 @@ class ArmReachEnv(ArmEnv):
         return self.np_random.uniform(-np.array(GOAL_RANGE), GOAL_RANGE)
 
 
+@dataclass(frozen=True)
+class ArmPickConfig(EnvConfig):
+    """The keyword arguments of `ArmPickEnv`: those of `EnvConfig`; the reward may be "staged" too."""
+
+    @property
+    def reward_modes(self) -> tuple[str, ...]:
+        """Values of `reward_mode` here."""
+        return (*REWARD_MODES, "staged")
+
+
 class ArmPickEnv(ArmEnv):
     """Bring a low object to a point above the table or on it. The object stands within reach, parallel to the
-    gripper."""
+    gripper.
 
+    With reward_mode="staged" the reward is that of `staged_pick`, and the info has its terms, `reward_terms`.
+    """
+
+    config_type: ClassVar[type[EnvConfig]] = ArmPickConfig
+    task_modules: ClassVar[tuple[str, ...]] = ("clutter_env.envs.from_above", "clutter_env.envs.staged_pick")
     _num_objects, _layout = 1, PICK_LAYOUT
+    _terms: Mapping[str, float] = MappingProxyType({})
+    """Terms of the present state."""
 
     def __init__(self, **keywords: Any) -> None:
         super().__init__(**{"shapes": "box", "object_set": "low", **keywords})
+
+    def compute_reward(self, achieved_goal: NDArray[Any], desired_goal: NDArray[Any], info: Any) -> Any:
+        """Rewards (...,) of achieved and desired goals (..., 3), bit for bit those of `step`.
+
+        Args:
+            achieved_goal: (..., 3) [m].
+            desired_goal: (..., 3) [m].
+            info: of the step, or those of the steps (...,). Only the staged reward reads them.
+
+        Raises:
+            ActionError: the reward is staged, and an info has no "reward_terms".
+        """
+        if not self._is_staged:
+            return super().compute_reward(achieved_goal, desired_goal, info)
+        distance = distances(np.asarray(achieved_goal, np.float64), np.asarray(desired_goal, np.float64))
+        infos = [info] if isinstance(info, Mapping) else list(np.ravel(info))
+        if len(infos) != distance.size or not all("reward_terms" in each for each in infos):
+            needed = "the info of each step, with its reward_terms (of HerReplayBuffer: copy_info_dict=True)"
+            raise ActionError(f"the staged reward of other goals needs {needed}")
+        pairs = zip(infos, distance.ravel().tolist(), strict=True)
+        rewards = [pick_reward(each["reward_terms"], metres, GOAL_TOLERANCE) for each, metres in pairs]
+        return np.reshape(rewards, distance.shape) if distance.ndim else rewards[0]
+
+    @property
+    def _is_staged(self) -> bool:
+        return self.config.reward_mode == "staged"
+
+    def _begin(self) -> None:
+        super()._begin()
+        self._follow_terms()
+
+    def _advance(self) -> tuple[float, bool]:
+        self._follow_terms()
+        return float(self.compute_reward(self._achieved(), self._goal, {"reward_terms": self._terms})), False
+
+    def _recall(self, bookkeeping: NDArray[np.float64]) -> None:
+        super()._recall(bookkeeping)
+        self._follow_terms()
+
+    def _follow_terms(self) -> None:
+        if self._is_staged:
+            self._terms = self._measure_terms()
+
+    def _measure_terms(self) -> dict[str, float]:
+        scene, pose = self.world.scene, self.measurements.poses[:1]
+        standing = Standing(pose[:, :2], scene.half_extents[:, 1], pose[:, 2] + scene.half_extents[:, 2] - TABLE_HEIGHT)
+        x, y, z = self.data.site_xpos[self.world.index.tcp_site].tolist()
+        width, tcp = float(self._gripper()[2][0]), (x, y, z - TABLE_HEIGHT)
+        nearness = standing.nearness(0, LOWEST, tcp, width, self.robot.max_opening)
+        return pick_terms(nearness, self.measurements.held == 0, float(distances(self._achieved(), self._goal)))
+
+    def _info(self) -> dict[str, Any]:
+        info = super()._info()
+        return {**info, "reward_terms": dict(self._terms)} if self._is_staged else info
 
     def _draw_scene(self, options: ResetOptions) -> TableScene:
         scene = super()._draw_scene(options)

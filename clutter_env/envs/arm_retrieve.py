@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from assets import RobotSpec
 from clutter_env.config import EnvConfig
 from clutter_env.envs.arm import GOAL_RANGE, DownwardArm
-from clutter_env.envs.from_above import FINGER_ROOM, TIP, Standing
+from clutter_env.envs.from_above import Nearness, Standing
 from clutter_env.envs.observation import POSITION_BOUND, VELOCITY_BOUND, Column, EntryLayout
 from clutter_env.envs.relevance import OBJECT_ORDERS, StagedRetrieveEnv, relevance_order
 from clutter_env.envs.reset_options import ResetOptions
@@ -36,12 +36,6 @@ GAP = 0.012
 """[m] between two objects at least."""
 BLOCKED_SHARE = 0.5
 """Share of scenes with several objects in which one of them is in the way of the target; never are there two."""
-REACH_SCALE = 5.0
-"""[1/m] The reaching term falls to a half at 0.11 m."""
-OVER = 0.01
-"""[m] of the fingertips above an object, from where the gripper goes down around it."""
-AROUND = 0.8
-"""Share of the descent from which the object is between the fingers, which may then close."""
 CLOSING = 0.75
 """Share of the grasping term that fingers earn which have closed on the target and do not hold it yet."""
 CLEAR_GAP, CLEAR_LIFT = 0.03, 0.10
@@ -82,12 +76,20 @@ OBJECT_ROW = EntryLayout(
 )
 """The numbers of one object: `from_tcp` and `from_target` its centre relative to the TCP and to the target (of the
 target itself: to where the TCP is at the start); `axis` its own upward axis."""
+ROLE_ROW = EntryLayout(
+    {
+        **{name: OBJECT_ROW.columns[place] for name, place in OBJECT_ROW.items()},
+        "in_the_way": [Column("in_the_way", "", 1.0)],
+    }
+)
+"""The same with `roles`: 1 if the object is in the way of the target, or in the gripper without being the target."""
 
 
-def arm_retrieve_layout(num_objects: int, turns: bool = False) -> EntryLayout:
+def arm_retrieve_layout(num_objects: int, turns: bool = False, roles: bool = False) -> EntryLayout:
     """The layout of an observation: the gripper, the task, and a row for each object."""
+    columns = (ROLE_ROW if roles else OBJECT_ROW).columns
     rows = {
-        f"object_{row}": [column._replace(name=f"object_{row}.{column.name}") for column in OBJECT_ROW.columns]
+        f"object_{row}": [column._replace(name=f"object_{row}.{column.name}") for column in columns]
         for row in range(num_objects)
     }
     return EntryLayout({**_GRIPPER, **(_TURNED if turns else {}), **_TASK, **rows})
@@ -95,7 +97,7 @@ def arm_retrieve_layout(num_objects: int, turns: bool = False) -> EntryLayout:
 
 @dataclass(frozen=True)
 class ArmRetrieveConfig(EnvConfig):
-    """The keyword arguments of `ArmRetrieveEnv`: those of `EnvConfig`, and two of its own.
+    """The keyword arguments of `ArmRetrieveEnv`: those of `EnvConfig`, and three of its own.
 
     Raises:
         ConfigError: see `EnvConfig`; or a value that this environment fixes.
@@ -110,6 +112,8 @@ class ArmRetrieveConfig(EnvConfig):
     """Order of the objects in an observation, one of `OBJECT_ORDERS`."""
     turns: bool = False
     """Whether an action has seven numbers: three more turn the gripper about the axes of the base."""
+    roles: bool = False
+    """Whether an observation says of each object if it is in the way of the target."""
 
     @property
     def reward_modes(self) -> tuple[str, ...]:
@@ -123,7 +127,8 @@ class ArmRetrieveConfig(EnvConfig):
         check_choice("base", self.base, ("holonomic", "fixed"))
         object.__setattr__(self, "base", "holonomic")  # which stands where it is put, since no action moves it
         check_choice("object_order", self.object_order, OBJECT_ORDERS)
-        check_choice("turns", self.turns, (False, True))
+        for name in ("turns", "roles"):
+            check_choice(name, getattr(self, name), (False, True))
         super().__post_init__()
 
 
@@ -153,7 +158,7 @@ class ArmRetrieveEnv(DownwardArm, StagedRetrieveEnv):
     def __init__(self, **keywords: Any) -> None:
         super().__init__(**keywords)
         self._have_actions(7 if self.config.turns else 4)
-        self._shown = arm_retrieve_layout(self.config.num_objects, self.config.turns)
+        self._shown = arm_retrieve_layout(self.config.num_objects, self.config.turns, self.config.roles)
 
     @property
     def observation_layout(self) -> Mapping[str, EntryLayout]:
@@ -260,26 +265,10 @@ class ArmRetrieveEnv(DownwardArm, StagedRetrieveEnv):
         grasp = 1.0 if held == target else CLOSING * closed
         return stage_terms(way, reach, around, grasp, lift, hold, self.world.scene.num_objects)
 
-    def _nearness(self, slot: int, standing: Standing) -> tuple[float, float, float]:
-        """How near the gripper is to the grasp of an object, how far the object is between the fingers, and how far
-        they have closed on it there, each 0 to 1.
-
-        Near is measured along the way from above: a gripper low beside an object is far from its grasp. Half of it is
-        for fingers that are open enough, or have the object between them.
-        """
-        half_width, top = float(standing.half_widths[slot]), float(standing.tops[slot])
-        grasp, over = standing.grasp_height(slot, LOWEST), top + TIP + OVER
-        x, y, z = (float(value) for value in self.data.site_xpos[self.world.index.tcp_site])
-        height, off_axis = z - TABLE_HEIGHT, math.hypot(x - standing.centres[slot, 0], y - standing.centres[slot, 1])
-        is_over = off_axis < half_width / 2 + FINGER_ROOM
-        way = abs(height - grasp) if is_over else abs(height - over) + over - grasp
-        around = min(max((top + TIP - height) / (top + TIP - grasp), 0.0), 1.0) if is_over else 0.0
-        room = float(self._gripper()[2][0]) - 2 * half_width
-        near = 1.0 - math.tanh(REACH_SCALE * (off_axis + way))
-        if around > AROUND:
-            most = max(self.robot.max_opening - 2 * half_width, FINGER_ROOM)
-            return near, around, 1.0 - min(max(room / most, 0.0), 1.0)
-        return near * (1.0 + min(max(room / (2 * FINGER_ROOM), 0.0), 1.0)) / 2, around, 0.0
+    def _nearness(self, slot: int, standing: Standing) -> Nearness:
+        x, y, z = self.data.site_xpos[self.world.index.tcp_site].tolist()
+        width = float(self._gripper()[2][0])
+        return standing.nearness(slot, LOWEST, (x, y, z - TABLE_HEIGHT), width, self.robot.max_opening)
 
     # Observation, actions, saved states.
 
@@ -300,7 +289,8 @@ class ArmRetrieveEnv(DownwardArm, StagedRetrieveEnv):
             parts.append(quaternion * math.copysign(1.0, quaternion[0]))
         hold = min(self._monitor.steps_held / HOLD_STEPS, 1.0)
         parts.append(np.array([self._monitor.lift / UNIT, hold]))
-        rows = np.zeros((self.config.num_objects, OBJECT_ROW.size))
+        columns = ROLE_ROW if self.config.roles else OBJECT_ROW
+        rows = np.zeros((self.config.num_objects, columns.size))
         target, held = self.target_slot, self.measurements.held
         for row, slot in zip(rows, self._order, strict=False):  # explicit scenes may have fewer objects
             at, (w, x, y, z) = poses[slot, :3], poses[slot, 3:].tolist()
@@ -312,6 +302,8 @@ class ArmRetrieveEnv(DownwardArm, StagedRetrieveEnv):
             row[OBJECT_ROW["half_extents"]] = scene.half_extents[slot] / UNIT
             row[OBJECT_ROW["is_box"]] = scene.is_box[slot]
             row[OBJECT_ROW["held"]] = slot == held
+        if self.config.roles:
+            rows[: len(self._order), ROLE_ROW["in_the_way"]] = np.isin(self._order, self.in_the_way)[:, None]
         vector, bounds = np.concatenate([*parts, rows.ravel()]), self._shown.bounds
         return {"observation": np.minimum(np.maximum(vector, -bounds), bounds).astype(np.float32)}
 
@@ -349,7 +341,8 @@ class ArmRetrieveEnv(DownwardArm, StagedRetrieveEnv):
         return np.concatenate((np.zeros(3), velocity))
 
     def _make_observation_space(self) -> spaces.Dict:
-        bounds = arm_retrieve_layout(self.config.num_objects, self.config.turns).bounds.astype(np.float32)
+        config = self.config
+        bounds = arm_retrieve_layout(config.num_objects, config.turns, config.roles).bounds.astype(np.float32)
         return spaces.Dict({"observation": spaces.Box(-bounds, bounds)})
 
 

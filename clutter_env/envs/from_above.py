@@ -1,4 +1,4 @@
-"""Objects in the way of a gripper that comes from above, and its grasp points, by plain geometry without a planner.
+"""Grasps from above, how near a gripper is to one, and objects in its way, by plain geometry without a planner.
 
 The gripper's fingers open along its own y axis. At the grasp of an object they are opened by a little more than its
 width. Another object is in the way if it would be between a finger, or the palm, and its place at the grasp.
@@ -7,7 +7,9 @@ width. Another object is in the way if it would be between a finger, or the palm
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +26,23 @@ MARGIN = 0.005
 """[m] that stay free beside fingers and palm."""
 HELD_BELOW_TOP = 0.025
 """[m] of the TCP below the object's top at the grasp, unless the object is too low for it."""
+REACH_SCALE = 5.0
+"""[1/m] `Nearness.near` falls to a half at 0.11 m."""
+OVER = 0.01
+"""[m] of the fingertips above an object, from where the gripper goes down around it."""
+AROUND = 0.8
+"""Share of the descent from which the object is between the fingers, which may then close."""
 
 Array = NDArray[np.float64]
+
+
+class Nearness(NamedTuple):
+    """How near a gripper is to the grasp of an object, how far the object is between its fingers, and how far they have
+    closed on it there, each 0 to 1."""
+
+    near: float
+    around: float
+    closed: float
 
 
 @dataclass(frozen=True)
@@ -66,6 +83,32 @@ class Standing:
     def outer_half(self, index: int) -> float:
         """[m] from the TCP to the outside of each finger before the grasp."""
         return float(self.half_widths[index]) + FINGER_ROOM + FINGER_THICKNESS
+
+    def nearness(self, index: int, lowest: float, tcp: Sequence[float], width: float, widest: float) -> Nearness:
+        """How near an open or closing gripper is to the grasp of an object.
+
+        Near is measured along the way from above: a gripper low beside an object is far from its grasp. Half of it is
+        for fingers that are open enough, or have the object between them.
+
+        Args:
+            index: of the object to grasp.
+            lowest: [m] height of the TCP above the table, at least.
+            tcp: (3,) [m] place of the TCP, its height above the table.
+            width: [m] between the fingers.
+            widest: [m] between the fingers when they are open.
+        """
+        (x, y, height), half_width, top = tcp, float(self.half_widths[index]), float(self.tops[index])
+        grasp, over = self.grasp_height(index, lowest), top + TIP + OVER
+        off_axis = math.hypot(x - self.centres[index, 0], y - self.centres[index, 1])
+        is_over = off_axis < half_width / 2 + FINGER_ROOM
+        way = abs(height - grasp) if is_over else abs(height - over) + over - grasp
+        around = min(max((top + TIP - height) / (top + TIP - grasp), 0.0), 1.0) if is_over else 0.0
+        room = width - 2 * half_width
+        near = 1.0 - math.tanh(REACH_SCALE * (off_axis + way))
+        if around > AROUND:
+            most = max(widest - 2 * half_width, FINGER_ROOM)
+            return Nearness(near, around, 1.0 - min(max(room / most, 0.0), 1.0))
+        return Nearness(near * (1.0 + min(max(room / (2 * FINGER_ROOM), 0.0), 1.0)) / 2, around, 0.0)
 
     def _gaps(self, index: int, heading: float, half: tuple[float, float]) -> Array:
         """(n,) [m] between each object and a rectangle around one of them, negative where they overlap."""

@@ -82,7 +82,7 @@ class GoalEnv(BaseEnv):
 
     def compute_reward(self, achieved_goal: NDArray[Any], desired_goal: NDArray[Any], info: Any) -> Any:  # noqa: ARG002
         """Rewards (...,) of achieved and desired goals (..., 3), bit for bit those of `step`."""
-        distance = _distance(np.asarray(achieved_goal, np.float64), np.asarray(desired_goal, np.float64))
+        distance = distances(np.asarray(achieved_goal, np.float64), np.asarray(desired_goal, np.float64))
         if self.config.reward_mode == "dense":
             return -distance
         return -(distance > GOAL_TOLERANCE).astype(np.float64)
@@ -117,7 +117,7 @@ class GoalEnv(BaseEnv):
         )
 
     def _is_success(self) -> bool:
-        return bool(_distance(self._achieved(), self._goal) <= GOAL_TOLERANCE)
+        return bool(distances(self._achieved(), self._goal) <= GOAL_TOLERANCE)
 
     def _memory(self) -> dict[str, Any]:
         return {"goal": self._goal.tolist()}
@@ -213,7 +213,7 @@ class PickEnv(GoalEnv):
         return np.array([*xy, start[2] + lift])
 
 
-def _distance(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+def distances(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
     """Distances (...,) of points (..., 3), summed in one fixed order so that every batch size gives the same bits."""
     x, y, z = np.moveaxis(first - second, -1, 0)
     return np.asarray(np.sqrt(x * x + y * y + z * z))

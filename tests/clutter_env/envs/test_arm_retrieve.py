@@ -14,6 +14,7 @@ from clutter_env.envs.arm_retrieve import (
     GAP,
     OBJECT_ROW,
     OTHER_HEIGHT,
+    ROLE_ROW,
     TARGET_HEIGHT,
     UNIT,
 )
@@ -93,6 +94,31 @@ def test_observations_are_those_of_the_layout() -> None:
     slots = gym.make(IDS[1], object_order="slots").unwrapped
     slots.reset(seed=5)
     assert slots.object_order == (0, 1, 2)
+
+
+def test_with_roles_each_row_says_whether_its_object_is_in_the_way() -> None:
+    """From before it is taken until it is put aside; all other numbers are as without."""
+    env, plain = gym.make(IDS[1], roles=True).unwrapped, gym.make(IDS[1]).unwrapped
+    check_env(gym.make(IDS[1], roles=True).unwrapped, skip_render_check=True)
+    script = make_expert("armretrieve")
+    seed = next(seed for seed in range(20) if env.reset(seed=seed) and env.in_the_way)
+    (observation, info), (without, _) = env.reset(seed=seed), plain.reset(seed=seed)
+    script.reset(info, env)
+    place, found = env.observation_layout["observation"]["object_0"].start, set()
+    for _ in range(100):
+        rows = observation["observation"][place:].reshape(3, ROLE_ROW.size)
+        shown = {slot for slot, row in zip(env.object_order, rows, strict=True) if row[ROLE_ROW["in_the_way"]]}
+        assert shown == set(env.in_the_way)
+        assert np.array_equal(observation["observation"][:place], without["observation"][:place])
+        assert np.array_equal(rows[:, : OBJECT_ROW.size].ravel(), without["observation"][place:])
+        found.add(tuple(shown))
+        action = script.act(observation)
+        (observation, _, is_over, _, info), (without, *_) = env.step(action), plain.step(action)
+        if is_over:
+            break
+    assert info["is_success"]
+    assert len(found) == 2
+    assert env.observation_layout["observation"].index("object_1.in_the_way") == place + 2 * ROLE_ROW.size - 1
 
 
 def test_the_next_state_follows_from_what_is_saved() -> None:
@@ -183,6 +209,7 @@ def test_what_is_in_the_way_of_a_gripper_from_above() -> None:
         ({"obstructed": True}, "obstructed"),
         ({"reward_mode": "dense"}, "reward_mode"),
         ({"object_order": "nearest"}, "object_order"),
+        ({"roles": 2}, "roles"),
         ({"robot": "pr2"}, "behind the front edge"),
     ],
 )

@@ -8,7 +8,14 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from clutter_env.envs.staged_reward import DISCOUNT, STAGE_WEIGHTS, SUCCESS, stage_terms, staged_reward
+from clutter_env.envs.staged_reward import (
+    DISCOUNT,
+    STAGE_WEIGHTS,
+    SUCCESS,
+    WAY_WEIGHT,
+    stage_terms,
+    staged_reward,
+)
 from clutter_env.policies.experts import find_expert, make_expert
 
 IDS = [f"clutter_env/ArmRetrieve-o{count}-v0" for count in (1, 3, 5)]
@@ -82,7 +89,7 @@ def test_terms_are_of_the_object_in_the_way_until_it_is_put_aside() -> None:
         assert sum(info["reward_terms"].values()) == info["reward_terms"]["way"]
         observation, *_, info = env.step(script.act(observation))
         ways.append(info["reward_terms"]["way"])
-    assert ways[-1] == pytest.approx(0.3)
+    assert ways[-1] == pytest.approx(WAY_WEIGHT)
     assert min(np.diff(ways)) > -0.05
     assert info["reward_terms"]["reach"] > 0
 

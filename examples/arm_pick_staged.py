@@ -1,0 +1,57 @@
+"""Reinforcement learning from a staged reward alone: stock SAC on ArmPick, without demonstrations and hindsight.
+
+    python arm_pick_staged.py [SEED [STEPS]]
+
+Observations are normalised as they come. The settings are those of `clutter-env train sac` on ArmRetrieve.
+"""
+
+import sys
+import time
+
+import torch
+from stable_baselines3 import SAC
+from stable_baselines3.common.callbacks import ConvertCallback, EveryNTimesteps
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.vec_env import VecNormalize
+
+from clutter_env.evaluation.score import success_rate
+from clutter_env.seeds import HELD_OUT
+from clutter_env.task import Task
+
+SEED, STEPS = (*map(int, sys.argv[1:]), *(0, 80_000)[len(sys.argv) - 1 :])
+WATCHED, MEASURED = range(HELD_OUT, HELD_OUT + 20), range(HELD_OUT + 10_000, HELD_OUT + 10_100)
+"""Seeds of held-out scenes: played on the way, and at the end alone."""
+SETTINGS = {
+    "learning_rate": 1e-3,
+    "gamma": 0.95,
+    "tau": 0.01,
+    "learning_starts": 1000,
+    "ent_coef": "auto_0.1",
+    "target_entropy": -2.0,
+    "policy_kwargs": {"net_arch": [128, 128]},
+}
+
+
+class Learned:
+    """What has been learned, as a policy."""
+
+    def reset(self, info): ...
+    def act(self, observation):
+        return model.predict(envs.normalize_obs(observation), deterministic=True)[0]
+
+
+def measure(seeds):
+    success, spent = success_rate(env, Learned(), seeds), time.process_time() - started
+    print(f"{model.num_timesteps} steps, {spent:.0f} CPU s: {success:.2f} of {len(seeds)}", flush=True)
+    return True
+
+
+torch.set_num_threads(1)
+started, task = time.process_time(), Task("clutter_env/ArmPick-v0", {"reward_mode": "staged"})
+env, envs = task.make(), VecNormalize(make_vec_env(task.make, seed=SEED), norm_reward=False)
+print(f"{task.env_id}, staged reward, seed {SEED}, {SETTINGS}", flush=True)
+model = SAC("MultiInputPolicy", envs, buffer_size=STEPS, seed=SEED, **SETTINGS)
+model.learn(STEPS, callback=EveryNTimesteps(max(STEPS // 16, 1), ConvertCallback(lambda *_: measure(WATCHED))))
+measure(MEASURED)
+model.save("armpick_staged_sac.zip")
+envs.save("armpick_staged_scale.pkl")
