@@ -9,7 +9,7 @@ what is in the way of a drawer is put aside as everything else is.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from planners.cause import Cause
@@ -21,7 +21,8 @@ from planners.grasping.push_poses import face_against
 from planners.opening.handle import HANDLE_OF, as_if_opened, handles_of, with_handle, without_handle
 from planners.opening.latches import latches
 from planners.problem import Problem
-from planners.scene import Opening, Scene
+from planners.scene import MAX_OBJECTS, Opening, Scene
+from planners.scene.cover import is_covered
 from planners.scene.moving import carried_by, moved
 from planners.tamp.solution import BoundAction, Infeasible, Solution, SolveStats
 
@@ -162,10 +163,11 @@ def needed(asked: Asked, scene: Scene, goal: Goal, start: Scene) -> tuple[str, .
     unmet = [fact for fact in goal.facts if isinstance(fact, On | Inside) and not fact.holds(scene, start)]
     into = {fact.place if isinstance(fact, On) else fact.region for fact in unmet}
     into |= {region.support for region in scene.regions if region.name in into}
-    first = tuple(one.name for one in _shut_ones(scene) if one.share < _HALF and into & {one.name, *one.parts})
+    first = tuple(one.name for one in _shut_ones(scene) if one.share < _HALF and _is_shut_in(scene, one, into))
+    before = scene
     for name in first:
         scene = as_if_opened(scene, name, scene.opening(name).at_share(_FULLY))
-    if not _is_known(goal, scene) or _is_possible(asked, scene, goal, start):
+    if not _is_known(goal, scene, before) or _is_possible(asked, scene, goal, start):
         return first
     shut = _shut_ones(scene, goal)
     for count in range(1, _MOST + 1):
@@ -173,7 +175,7 @@ def needed(asked: Asked, scene: Scene, goal: Goal, start: Scene) -> tuple[str, .
             opened = scene
             for one in some:
                 opened = as_if_opened(opened, one.name, opened.opening(one.name).at_share(_FULLY))
-            if _is_known(goal, opened) and _is_possible(asked, opened, goal, start):
+            if _is_known(goal, opened, before) and _is_possible(asked, opened, goal, start):
                 return (*first, *(one.name for one in some))
     return first
 
@@ -182,7 +184,7 @@ def helpful(asked: Asked, scene: Scene, goal: Goal, start: Scene) -> str:
     """Name of what must be opened for a goal for which there is no plan as the world is; "" if nothing helps."""
     for one in _shut_ones(scene, goal):
         opened = as_if_opened(scene, one.name, one.at_share(_FULLY))
-        if asked.deadline.is_over or not _is_known(goal, opened):
+        if asked.deadline.is_over or not _is_known(goal, opened, scene):
             continue
         if isinstance(asked.solve(asked.problem(opened, goal, start)), Solution):
             return one.name
@@ -195,9 +197,22 @@ def _shut_ones(scene: Scene, goal: Goal | None = None) -> list[Opening]:
     return sorted(ajar, key=lambda one: (one.share >= _HALF, goal is not None and not _carries(scene, goal, one)))
 
 
-def _is_known(goal: Goal, scene: Scene) -> bool:
-    """Whether all objects of a goal are in a scene: what stood in the way of something may be left out of it."""
-    return {fact.object for fact in goal.facts if isinstance(fact, Holding | On | Inside | At)} <= {*scene.names}
+def _is_shut_in(scene: Scene, opening: Opening, places: Collection[str]) -> bool:
+    """Whether one of some places is inside what opens: not the top of a lid, nor a tray with nothing above it."""
+    parts = [one for one in scene.static_obstacles if one.name in opening.parts]
+    inside = [one for one in parts if opening.name in places or one.name in places]
+    return any(not one.has_level_top or is_covered(scene, (*one.position[:2], one.top)) for one in inside)
+
+
+def _is_known(goal: Goal, scene: Scene, before: Scene) -> bool:
+    """Whether a scene has all objects and supports that a goal names: it lacks what stood in the way of something that
+    has been opened, and what has been tilted. `before` is the scene before it was opened.
+    """
+    facts = [fact for fact in goal.facts if isinstance(fact, Holding | On | Inside | At)]
+    places = {fact.place if isinstance(fact, On) else fact.region for fact in facts if isinstance(fact, On | Inside)}
+    tilted = {*before.supports} - {*scene.supports}
+    lost = tilted | {one.name for one in before.regions if one.support in tilted}
+    return {fact.object for fact in facts} <= {*scene.names} and not places & lost
 
 
 def lower_bound_through(asked: Asked, scene: Scene, goal: Goal, start: Scene | None = None) -> LowerBound:
@@ -248,7 +263,8 @@ def _least_to_move(asked: Asked, scene: Scene, name: str, position: float) -> Lo
         pushes = (asked.problem(twin, goal_of(twin), None).lower_bound() for twin in _pushes(scene, name, position))
         found += itertools.islice((one for one in pushes if one.picks is not None), 1)
     if not found:
-        return LowerBound(None, (name,), (), True, 0, Cause.UNREACHABLE)
+        is_full = len(scene.objects) >= MAX_OBJECTS
+        return LowerBound(None, (name,), (), not is_full, 0, Cause.GIVEN_UP if is_full else Cause.UNREACHABLE)
     return min(found, key=lambda one: (one.picks is None, one.least))
 
 
@@ -351,6 +367,9 @@ def _moved_at_once(asked: Asked, scene: Scene, name: str, position: float) -> So
         cause, does = (Cause.SPRINGS_SHUT, "shuts") if towards_open else (Cause.SPRINGS_OPEN, "opens")
         detail = f"a spring or its weight {does} {name} when nobody holds it, by {abs(left_at - position):.3g} m or rad"
         return Infeasible(cause, detail, (name,))
+    if len(scene.objects) >= MAX_OBJECTS:
+        detail = f"to open or shut {name}, its handle would be one more than the {MAX_OBJECTS} objects of a scene"
+        return Infeasible(Cause.GIVEN_UP, detail, (name,))
     ended: Infeasible | None = None
     for twin in itertools.chain(_twins(scene, name, position), _pushes(scene, name, position)):
         found = asked.solve(asked.problem(twin, goal_of(twin), None))

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from planners import Cause, Infeasible, Solution, goals, lower_bound, solve
 from planners.goals import Goal
+from planners.scene import Body
 from tests.planners.opening.furniture import World, box_world, cupboard_world, drawer_world
 
 OUT = goals.on("red", "side_table")
@@ -23,6 +27,11 @@ def planned(world: World, goal: str | Goal) -> tuple[list[str], Solution]:
         assert one is None or one.least <= count
         assert one is None or not one.proved or one.picks == count
     return [action.name for action in plan.actions if action.name != "MoveBase"], plan
+
+
+def _can(name: str, x: float, y: float, z: float) -> Body:
+    half, position, upright = np.array((0.02, 0.02, 0.04)), np.array((x, y, z)), np.array((1.0, 0.0, 0.0, 0.0))
+    return Body(name, "cylinder", half, position, upright)
 
 
 @pytest.mark.parametrize("world", [drawer_world(share=0.6), drawer_world(share=0.75), cupboard_world(angle=0.9)])
@@ -83,3 +92,39 @@ def test_what_a_spring_opens_is_not_shut() -> None:
     found = solve(world.scene(), goals.closed("drawer"))
     assert isinstance(found, Infeasible)
     assert found.cause is Cause.SPRINGS_OPEN
+
+
+def test_what_is_put_on_a_lid_or_a_bare_tray_needs_no_opening() -> None:
+    world = box_world()
+    movable = World(*world[:3], (), ("table", "lid_plate"))
+    scene = movable.scene()
+    plate = scene.support_named("lid_plate")
+    can = _can("can", 0.85, 0.3, 0.7401)
+    scene = replace(scene, objects=(can,))
+    found = solve(scene, goals.on("can", "lid_plate"), time_limit=60)
+    assert isinstance(found, Solution)
+    assert (found.pulls, found.picks) == (0, 1)
+    assert lower_bound(scene, goals.on("can", "lid_plate")).least == 1
+    raised = solve(scene, goals.open_("lid"), time_limit=60)
+    assert isinstance(raised, Solution)
+    assert raised.end is not None
+    assert plate.name not in raised.end.supports
+
+
+def test_a_full_scene_is_no_proof_that_nothing_opens() -> None:
+    scene = drawer_world().scene()
+    places = [(0.68 + 0.08 * (k % 6), -1.04 + 0.055 * (k // 6)) for k in range(57)]
+    more = [_can(f"c{k}", x, y, 0.6401) for k, (x, y) in enumerate(places)]
+    scene = replace(scene, objects=(*scene.objects, *more))
+    found, bound = solve(scene, goals.open_("drawer")), lower_bound(scene, goals.open_("drawer"))
+    assert isinstance(found, Infeasible)
+    assert (found.cause, bound.cause, bound.proved) == (Cause.GIVEN_UP, Cause.GIVEN_UP, False)
+    assert "60 objects" in found.detail
+
+
+def test_what_is_sunk_into_a_part_that_could_be_pushed_is_no_error() -> None:
+    scene = drawer_world(handle="none").scene()
+    red = scene.body("red")
+    lower = red.at_pose(np.array([*red.pose[:2], red.pose[2] - (0, 0, 0, 0.005), red.pose[3]]))
+    scene = replace(scene, objects=tuple(lower if one is red else one for one in scene.objects))
+    assert isinstance(solve(scene, goals.open_("drawer"), time_limit=60), Solution | Infeasible)
