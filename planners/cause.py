@@ -16,6 +16,7 @@ class Cause(StrEnum):
         NO_CLEARANCE_LOCATION: an object must be put down, but every location is in the way of later steps.
         MOTION: grasps exist, but none is left after refuted motions, or after objects were put aside.
         SPRINGS_SHUT: a door, drawer or lid that must be opened shuts again when it is released.
+        SPRINGS_OPEN: a door, drawer or lid that must be shut, or turned back, opens again when it is released.
         NOT_AT_REST: an object to take is sunk into furniture, or in the air. See `planners.check`.
         TOO_HEAVY: an object to take is too heavy for the arm or the fingers.
         TOO_SLIPPERY: friction is too low for the fingers to hold an object to take.
@@ -30,6 +31,7 @@ class Cause(StrEnum):
     NO_CLEARANCE_LOCATION = "no clearance location"
     MOTION = "motion"
     SPRINGS_SHUT = "springs shut"
+    SPRINGS_OPEN = "springs open"
     NOT_AT_REST = "not at rest"
     TOO_HEAVY = "too heavy"
     TOO_SLIPPERY = "too slippery"

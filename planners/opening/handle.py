@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.opened import GAP, STEPS, way
-from planners.collision.world import CollisionWorld, are_near, is_inside_static
+from planners.collision.world import CollisionWorld, are_near, is_inside_static, overlaps
 from planners.opening.latches import Latch
+from planners.problem import not_sunk
 from planners.regions import Region
 from planners.scene import MAX_OBJECTS, Body, Opening, Pull, Scene, Solid, StaticObstacle
 from planners.scene.moving import carried_by, moved
@@ -33,7 +34,9 @@ _OVER = 0.3
 def with_handle(
     scene: Scene, name: str, position: float, handle: tuple[str, ...], pushes: bool = False, latch: Latch | None = None
 ) -> Scene | None:
-    """The scene with a handle among its objects, by which something is opened or shut; None if they are too many.
+    """The scene with a handle among its objects, by which something is opened or shut.
+
+    None if they are too many, or if one of them is sunk into the handle.
 
     Args:
         scene: as it is.
@@ -56,6 +59,8 @@ def with_handle(
         supports=tuple(one for one in scene.supports if one not in handle),
         pull=Pull(body.name, name, position, (), pushes, *(latch or ())),
     )
+    if any(body.name in pair for pair in overlaps(CollisionWorld.from_scene(not_sunk(twin)))):
+        return None  # objects may be sunk into furniture, but not into each other
     assert twin.pull is not None
     swept = tuple(_swept_regions(scene, opening, position))
     return replace(twin, pull=replace(twin.pull, swept=swept))

@@ -9,7 +9,7 @@ what is in the way of a drawer is put aside as everything else is.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from planners.cause import Cause
@@ -21,14 +21,19 @@ from planners.grasping.push_poses import face_against
 from planners.opening.handle import HANDLE_OF, as_if_opened, handles_of, with_handle, without_handle
 from planners.opening.latches import latches
 from planners.problem import Problem
-from planners.scene import Opening, Scene
+from planners.scene import MAX_OBJECTS, Opening, Scene
+from planners.scene.cover import is_covered
 from planners.scene.moving import carried_by, moved
 from planners.tamp.solution import BoundAction, Infeasible, Solution, SolveStats
 
 _FULLY, _FURTHER = 0.97, 0.08
 """Share to which something is opened that is in the way, short of its stop; and how much farther than wanted."""
+_HALF = _FULLY / 2
+"""Share below which something is more shut than open."""
 _LEFT_AT = (0.6, 0.35)
 """Shares of its way at which something is left that no hand follows all the way."""
+_SPRINGS_BACK = 0.12
+"""Share of its range by which something may spring back that is released: execution takes no more for a failure."""
 _MOST = 2
 """Things that are opened for the same object at most."""
 
@@ -73,32 +78,67 @@ def _parts(
     def here() -> Scene:
         return (done[-1].end if done else None) or scene
 
-    shut = [fact for fact in goal.openings if isinstance(fact, Closed)]
-    rest = tuple(fact for fact in goal.facts if fact not in goal.openings)
-    for fact in goal.openings:
-        if not isinstance(fact, Closed) and not fact.holds(here()):
-            yield from _moved_to(asked, here(), fact.opening, _further(here(), fact))
-    if rest and not Goal(rest).holds(here(), start):
-        for name in needed(asked, here(), Goal(rest), start):
+    rest = _rest_of(goal)
+    first, last = _wanted(asked, scene, goal, start)
+    for opened, position in first:
+        yield from _moved_to(asked, here(), opened.opening, position)
+    if rest is not None and not rest.holds(here(), start):
+        for name in needed(asked, here(), rest, start):
             yield from _moved_to(asked, here(), name, here().opening(name).at_share(_FULLY))
-        if goal.held and any(not fact.holds(here()) for fact in shut):
+        if goal.held and any(not fact.holds(here()) for fact in last):
             # What is to be held in the end waits outside: the hand has to shut the door first.
-            yield _put_outside(asked, here(), rest, start)
-            for fact in shut:
-                yield from () if fact.holds(here()) else _shut(asked, here(), fact)
-        found = asked.solve(asked.problem(here(), Goal(rest), start))
-        if isinstance(found, Infeasible) and (name := helpful(asked, here(), Goal(rest), start)):
-            yield from _moved_to(asked, here(), name, here().opening(name).at_share(_FULLY))
-            found = asked.solve(asked.problem(here(), Goal(rest), start))
+            yield _put_outside(asked, here(), rest.facts, start)
+            for fact in last:
+                yield from () if fact.holds(here()) else _moved_last(asked, here(), fact)
+        found = asked.solve(asked.problem(here(), rest, start))
+        if isinstance(found, Infeasible) and (name := helpful(asked, here(), rest, start)):
+            for part in _moved_to(asked, here(), name, here().opening(name).at_share(_FULLY)):
+                yield replace(part, bound=None) if isinstance(part, Solution) else part  # it may be that none is needed
+            found = asked.solve(asked.problem(here(), rest, start))
         yield found
-    for fact in shut:
+    for fact in last:
         if not fact.holds(here()):
-            yield from _shut(asked, here(), fact)
+            yield from _moved_last(asked, here(), fact)
 
 
-def _shut(asked: Asked, scene: Scene, fact: Closed) -> Iterator[Solution | Infeasible]:
-    """Plans that shut something."""
-    return _moved_to(asked, scene, fact.opening, scene.opening(fact.opening).shut)
+def _wanted(
+    asked: Asked, scene: Scene, goal: Goal, start: Scene
+) -> tuple[list[tuple[Open | Turned, float]], list[Open | Closed | Turned]]:
+    """What of a goal is opened before the rest, each with the position [m] or [rad], and what is moved after it.
+
+    What the rest needs farther open is opened so far at once, and is brought to its angle after it.
+    """
+    first = [(fact, _further(scene, fact)) for fact in goal.openings if not isinstance(fact, Closed)]
+    first = [(fact, position) for fact, position in first if not fact.holds(scene)]
+    last: list[Open | Closed | Turned] = [fact for fact in goal.openings if not isinstance(fact, Open)]
+    rest = _rest_of(goal)
+    if not first or rest is None or rest.holds(scene, start):
+        return first, last
+    opened = scene
+    for fact, position in first:
+        opened = as_if_opened(opened, fact.opening, position)
+    names = needed(asked, opened, rest, start)
+    farther = [
+        (fact, scene.opening(fact.opening).at_share(_FULLY) if fact.opening in names else position)
+        for fact, position in first
+    ]
+    return [(fact, position) for fact, position in farther if isinstance(fact, Open) or fact.opening not in names], last
+
+
+def _rest_of(goal: Goal) -> Goal | None:
+    """What a goal says of anything but what opens; None if nothing."""
+    rest = tuple(fact for fact in goal.facts if fact not in goal.openings)
+    return Goal(rest) if rest else None
+
+
+def _moved_last(asked: Asked, scene: Scene, fact: Open | Closed | Turned) -> Iterator[Solution | Infeasible]:
+    """Plans that shut something, or bring it to an angle, once the rest of a goal is done."""
+    return _moved_to(asked, scene, fact.opening, _last_position(scene, fact))
+
+
+def _last_position(scene: Scene, fact: Open | Closed | Turned) -> float:
+    """The position [m] or [rad] to which something is moved in the end."""
+    return scene.opening(fact.opening).shut if isinstance(fact, Closed) else _further(scene, fact)
 
 
 def _put_outside(asked: Asked, scene: Scene, facts: Sequence[Fact], start: Scene) -> Solution | Infeasible:
@@ -120,43 +160,59 @@ def needed(asked: Asked, scene: Scene, goal: Goal, start: Scene) -> tuple[str, .
     That is what something is to be put into, and what hides something that is to be moved: the lower bound proves that
     no grasp reaches it as the world is, and that one does with a drawer or door open.
     """
-    into = {fact.place if isinstance(fact, On) else fact.region for fact in goal.facts if isinstance(fact, On | Inside)}
+    unmet = [fact for fact in goal.facts if isinstance(fact, On | Inside) and not fact.holds(scene, start)]
+    into = {fact.place if isinstance(fact, On) else fact.region for fact in unmet}
     into |= {region.support for region in scene.regions if region.name in into}
-    first = tuple(one.name for one in _shut_ones(scene) if into & {one.name, *one.parts})
+    first = tuple(one.name for one in _shut_ones(scene) if one.share < _HALF and _is_shut_in(scene, one, into))
+    before = scene
     for name in first:
         scene = as_if_opened(scene, name, scene.opening(name).at_share(_FULLY))
-    if not _is_known(goal, scene) or _is_possible(asked, scene, goal, start):
+    if not _is_known(goal, scene, before) or _is_possible(asked, scene, goal, start):
         return first
-    shut = sorted(_shut_ones(scene), key=lambda one: not _carries(scene, goal, one))
+    shut = _shut_ones(scene, goal)
     for count in range(1, _MOST + 1):
         for some in itertools.combinations(shut, count):
             opened = scene
             for one in some:
                 opened = as_if_opened(opened, one.name, opened.opening(one.name).at_share(_FULLY))
-            if _is_known(goal, opened) and _is_possible(asked, opened, goal, start):
+            if _is_known(goal, opened, before) and _is_possible(asked, opened, goal, start):
                 return (*first, *(one.name for one in some))
     return first
 
 
 def helpful(asked: Asked, scene: Scene, goal: Goal, start: Scene) -> str:
     """Name of what must be opened for a goal for which there is no plan as the world is; "" if nothing helps."""
-    for one in sorted(_shut_ones(scene), key=lambda one: not _carries(scene, goal, one)):
+    for one in _shut_ones(scene, goal):
         opened = as_if_opened(scene, one.name, one.at_share(_FULLY))
-        if asked.deadline.is_over or not _is_known(goal, opened):
+        if asked.deadline.is_over or not _is_known(goal, opened, scene):
             continue
         if isinstance(asked.solve(asked.problem(opened, goal, start)), Solution):
             return one.name
     return ""
 
 
-def _shut_ones(scene: Scene) -> list[Opening]:
-    """What is more shut than open."""
-    return [one for one in scene.openings if one.share < _FULLY / 2]
+def _shut_ones(scene: Scene, goal: Goal | None = None) -> list[Opening]:
+    """What can be opened further: first what is more shut than open, and of it what carries what a goal names."""
+    ajar = [one for one in scene.openings if one.share < _FULLY - _FURTHER]
+    return sorted(ajar, key=lambda one: (one.share >= _HALF, goal is not None and not _carries(scene, goal, one)))
 
 
-def _is_known(goal: Goal, scene: Scene) -> bool:
-    """Whether all objects of a goal are in a scene: what stood in the way of something may be left out of it."""
-    return {fact.object for fact in goal.facts if isinstance(fact, Holding | On | Inside | At)} <= {*scene.names}
+def _is_shut_in(scene: Scene, opening: Opening, places: Collection[str]) -> bool:
+    """Whether one of some places is inside what opens: not the top of a lid, nor a tray with nothing above it."""
+    parts = [one for one in scene.static_obstacles if one.name in opening.parts]
+    inside = [one for one in parts if opening.name in places or one.name in places]
+    return any(not one.has_level_top or is_covered(scene, (*one.position[:2], one.top)) for one in inside)
+
+
+def _is_known(goal: Goal, scene: Scene, before: Scene) -> bool:
+    """Whether a scene has all objects and supports that a goal names: it lacks what stood in the way of something that
+    has been opened, and what has been tilted. `before` is the scene before it was opened.
+    """
+    facts = [fact for fact in goal.facts if isinstance(fact, Holding | On | Inside | At)]
+    places = {fact.place if isinstance(fact, On) else fact.region for fact in facts if isinstance(fact, On | Inside)}
+    tilted = {*before.supports} - {*scene.supports}
+    lost = tilted | {one.name for one in before.regions if one.support in tilted}
+    return {fact.object for fact in facts} <= {*scene.names} and not places & lost
 
 
 def lower_bound_through(asked: Asked, scene: Scene, goal: Goal, start: Scene | None = None) -> LowerBound:
@@ -166,34 +222,50 @@ def lower_bound_through(asked: Asked, scene: Scene, goal: Goal, start: Scene | N
     for the rest too: so the greater number of these counts as proved, the sum of both as what is to be expected.
     """
     began, here = start or scene, scene
-    bounds: list[LowerBound] = []
-    rest = tuple(fact for fact in goal.facts if fact not in goal.openings)
-    wanted = [(fact.opening, fact.position_in(scene)) for fact in goal.openings if not fact.holds(scene)]
-    moves = [*wanted]
-    if rest:
+    rest = _rest_of(goal)
+    rest = None if rest is None or rest.holds(scene, began) else rest
+    first, last = _wanted(asked, scene, goal, began)
+    moves = [(fact.opening, position) for fact, position in first]
+    count = len(moves)
+    if rest is not None:
         opened = here
         for name, position in moves:
             opened = as_if_opened(opened, name, position)
-        names = needed(asked, opened, Goal(rest), began)
-        moves += [(name, opened.opening(name).at_share(_FULLY)) for name in names]
+        moves += [(name, opened.opening(name).at_share(_FULLY)) for name in needed(asked, opened, rest, began)]
+    bounds: list[LowerBound] = []
     for name, position in moves:
-        found = [asked.problem(twin, goal_of(twin), None).lower_bound() for twin in _twins(here, name, position)]
-        if all(one.picks is None for one in found):
-            pushes = (asked.problem(twin, goal_of(twin), None).lower_bound() for twin in _pushes(here, name, position))
-            found += itertools.islice((one for one in pushes if one.picks is not None), 1)
-        if not found:
-            return LowerBound(None, (name,), (), True, 0, Cause.UNREACHABLE)
-        best = min(found, key=lambda one: (one.picks is None, one.least))
+        best = _least_to_move(asked, here, name, position)
         if best.picks is None:
             return best
         bounds.append(best)
         here = as_if_opened(here, name, position)
-    if rest:
-        last = asked.problem(here, Goal(rest), began).lower_bound()
-        if last.picks is None:
-            return last
-        bounds.append(last)
-    return _together(bounds[: len(moves)], bounds[len(moves) :], len(moves) > len(wanted))
+    others: list[LowerBound] = []
+    if rest is not None:
+        others.append(asked.problem(here, rest, began).lower_bound())
+        if others[0].picks is None:
+            return others[0]
+    for fact in last:
+        if not fact.holds(here):
+            # What is in its way then is not known: only the pull itself is counted.
+            is_alone = rest is None and not moves
+            found = _least_to_move(asked, here, fact.opening, _last_position(here, fact)) if is_alone else None
+            if found is not None and found.picks is None:
+                return found
+            pull = LowerBound(1, (f"{HANDLE_OF}{fact.opening}",), (), not goal.held, 1)
+            bounds.append(found or pull)
+    return _together(bounds, others, len(moves) > count)
+
+
+def _least_to_move(asked: Asked, scene: Scene, name: str, position: float) -> LowerBound:
+    """The fewest picks and pulls with which something is opened or shut, by a handle or by a push."""
+    found = [asked.problem(twin, goal_of(twin), None).lower_bound() for twin in _twins(scene, name, position)]
+    if all(one.picks is None for one in found):
+        pushes = (asked.problem(twin, goal_of(twin), None).lower_bound() for twin in _pushes(scene, name, position))
+        found += itertools.islice((one for one in pushes if one.picks is not None), 1)
+    if not found:
+        is_full = len(scene.objects) >= MAX_OBJECTS
+        return LowerBound(None, (name,), (), not is_full, 0, Cause.GIVEN_UP if is_full else Cause.UNREACHABLE)
+    return min(found, key=lambda one: (one.picks is None, one.least))
 
 
 def _together(pulls: Sequence[LowerBound], others: Sequence[LowerBound], hides: bool) -> LowerBound:
@@ -233,7 +305,7 @@ def _further(scene: Scene, fact: Open | Turned) -> float:
     """The position [m] or [rad] to which something is pulled that is to be open by a share, or at an angle."""
     opening, position = scene.opening(fact.opening), fact.position_in(scene)
     if isinstance(fact, Turned):
-        return position
+        return min(max(position, min(opening.shut, opening.open)), max(opening.shut, opening.open))
     share = (position - opening.shut) / (opening.open - opening.shut)
     return opening.at_share(max(min(share + _FURTHER, _FULLY), share))
 
@@ -290,9 +362,14 @@ def _moved_at_once(asked: Asked, scene: Scene, name: str, position: float) -> So
     """A plan that opens or shuts something by one of its handles, else pushes it, or why there is none."""
     opening = scene.opening(name)
     towards_open = (position - opening.position) * (opening.open - opening.shut) > 0
-    if towards_open and opening.springs_shut:
-        detail = f"a spring or its weight, {abs(opening.spring):.1f} N or N m, shuts {name} when nobody holds it"
-        return Infeasible(Cause.SPRINGS_SHUT, detail, (name,))
+    left_at = opening.released(position)
+    if abs(left_at - position) > _SPRINGS_BACK * abs(opening.open - opening.shut):
+        cause, does = (Cause.SPRINGS_SHUT, "shuts") if towards_open else (Cause.SPRINGS_OPEN, "opens")
+        detail = f"a spring or its weight {does} {name} when nobody holds it, by {abs(left_at - position):.3g} m or rad"
+        return Infeasible(cause, detail, (name,))
+    if len(scene.objects) >= MAX_OBJECTS:
+        detail = f"to open or shut {name}, its handle would be one more than the {MAX_OBJECTS} objects of a scene"
+        return Infeasible(Cause.GIVEN_UP, detail, (name,))
     ended: Infeasible | None = None
     for twin in itertools.chain(_twins(scene, name, position), _pushes(scene, name, position)):
         found = asked.solve(asked.problem(twin, goal_of(twin), None))

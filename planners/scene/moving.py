@@ -33,6 +33,8 @@ def _stands_on(body: Body, face: StaticObstacle) -> bool:
 def moved(scene: Scene, name: str, position: float, besides: Collection[str] = ()) -> Scene:
     """Move an opening to a position, and the objects in it along with it. Returns the new scene.
 
+    A support that is tilted there, such as the top of a lid, is none any more, nor are the regions on it.
+
     Args:
         scene: the world.
         name: name of the opening.
@@ -47,12 +49,18 @@ def moved(scene: Scene, name: str, position: float, besides: Collection[str] = (
     R, p = T[:3, :3], T[:3, 3]
     along = {*carried_by(scene, opening), *besides}
     parts = frozenset(opening.parts)
+    obstacles = tuple(one.moved(R, p) if one.name in parts else one for one in scene.static_obstacles)
+    tilted = {one.name for one in obstacles if one.name in parts and not one.has_level_top}
     return replace(
         scene,
-        static_obstacles=tuple(one.moved(R, p) if one.name in parts else one for one in scene.static_obstacles),
+        static_obstacles=obstacles,
+        supports=tuple(one for one in scene.supports if one not in tilted),
+        support_bodies=tuple(pair for pair in scene.support_bodies if pair[1] not in tilted),
         objects=tuple(one.at_pose(T @ one.pose) if one.name in along else one for one in scene.objects),
         openings=tuple(_opening_in(one, opening, position, R, p) for one in scene.openings),
-        regions=tuple(_region_in(one, R, p) if one.support in parts else one for one in scene.regions),
+        regions=tuple(
+            _region_in(one, R, p) if one.support in parts else one for one in scene.regions if one.support not in tilted
+        ),
     )
 
 

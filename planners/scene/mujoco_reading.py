@@ -617,8 +617,8 @@ def _opening(
     low, high = map(float, model.jnt_range[joint])
     at_rest, dof = float(model.qpos0[model.jnt_qposadr[joint]]), int(model.jnt_dofadr[joint])
     shut, wide = (low, high) if abs(at_rest - low) <= abs(high - at_rest) else (high, low)
-    stretched = (low + high) / 2 - float(model.qpos_spring[model.jnt_qposadr[joint]])
-    spring = float(model.jnt_stiffness[joint]) * stretched
+    relaxed, stiffness = float(model.qpos_spring[model.jnt_qposadr[joint]]), float(model.jnt_stiffness[joint])
+    spring = stiffness * ((low + high) / 2 - relaxed)
     spring += math.copysign(1.0, wide - shut) * _weight_towards_shut(model, data, joint, along, (shut, wide))
     return Opening(
         name,
@@ -632,6 +632,8 @@ def _opening(
         tuple(named),
         float(model.dof_frictionloss[dof]),
         spring,
+        stiffness,
+        relaxed,
     )
 
 

@@ -42,8 +42,10 @@ class Opening:
         parts: names of the static obstacles that move with it.
         handles: names of the parts to grasp, the likeliest first.
         friction: least force [N] or torque [N m] that moves it.
-        spring: force [N] or torque [N m] of a spring towards lower positions while it is open. Negative towards higher
-            positions.
+        spring: force [N] or torque [N m] of a spring and of its weight towards lower positions, half open. Negative
+            towards higher positions.
+        stiffness: stiffness of the spring [N/m] or [N m/rad].
+        relaxed: position [m] or [rad] at which the spring exerts no force.
 
     Raises:
         SceneError: an unknown kind, an axis of length zero, or numbers that are not finite.
@@ -60,6 +62,8 @@ class Opening:
     handles: tuple[str, ...] = ()
     friction: float = 0.0
     spring: float = 0.0
+    stiffness: float = 0.0
+    relaxed: float = 0.0
 
     def __post_init__(self) -> None:
         axis = frozen(self.axis, (3,), f"axis of {self.name!r}")
@@ -67,7 +71,7 @@ class Opening:
             raise SceneError(f"{self.name!r} moves on a {self.kind!r} along {axis}; known: slide, hinge, along an axis")
         object.__setattr__(self, "axis", frozen(axis / np.linalg.norm(axis), (3,), "axis"))
         object.__setattr__(self, "point", frozen(self.point, (3,), f"point of {self.name!r}"))
-        for name in ("position", "shut", "open", "friction", "spring"):
+        for name in ("position", "shut", "open", "friction", "spring", "stiffness", "relaxed"):
             object.__setattr__(self, name, float(getattr(self, name)))
         if not all(math.isfinite(one) for one in (self.position, self.shut, self.open)):
             raise SceneError(f"{self.name!r} needs finite positions")
@@ -88,6 +92,22 @@ class Opening:
         """Whether a spring shuts it when it is released."""
         towards_shut = self.spring if self.open > self.shut else -self.spring
         return towards_shut > max(self.friction, 0.0)
+
+    def released(self, position: float) -> float:
+        """Position [m] or [rad] to which a spring or its weight takes it from another one, where nobody holds it.
+
+        The weight only counts where it shuts: in a lid that leans back when it is open, it does not open the shut lid.
+        """
+        stretched = self.stiffness * ((self.shut + self.open) / 2 - self.relaxed)
+        sign, friction = (1.0 if self.open >= self.shut else -1.0), max(self.friction, 0.0)
+        weight = sign * max(sign * (self.spring - stretched), 0.0)
+        force = self.stiffness * (position - self.relaxed) + weight
+        if abs(force) <= friction:
+            return position
+        back = -math.copysign(math.inf, force)
+        if self.stiffness > 0:  # to where friction holds it
+            back = self.relaxed + (math.copysign(friction, force) - weight) / self.stiffness
+        return min(max(back, min(self.shut, self.open)), max(self.shut, self.open))
 
     def motion(self, position: float) -> Array:
         """Transform (4, 4) of points from their present places to those with the opening at a position."""
