@@ -18,7 +18,7 @@ help:
 	@echo "make compat     a part of the tests in a new environment: PYTHON=python3.13, or other versions: WITH='mujoco==3.17.0'"
 	@echo "make docs       the documentation as pages to read offline, in outputs/site"
 	@echo "make bench      speed, memory and rendering of the environments"
-	@echo "make results    the results files again, with their page and picture, a quarter of an hour"
+	@echo "make results    the results files again, with their page, picture and film, a quarter of an hour"
 	@echo "make soak       two million steps through all environments, about an hour"
 
 $(BIN)/python:
@@ -91,6 +91,8 @@ bench: $(VENV)/.core
 results: $(VENV)/.dev $(VENV)/.rl
 	$(BIN)/python scripts/results.py run
 	$(BIN)/python scripts/results.py pages
+	$(BIN)/python scripts/front_page.py
+	$(BIN)/python -m scripts.task_cards
 
 soak: $(VENV)/.core
 	$(BIN)/python scripts/soak.py --steps 2000000

@@ -15,11 +15,15 @@ EXTRAS = {
 """Modules that not every installation has, and the extra of the package that installs each."""
 
 
+INSTALL = "pip install 'clutter-env["
+"""Part of every message about an extra that is not installed. It survives the way from another process."""
+
+
 def missing_extra(problem: BaseException) -> str:
     """Name of the module that is not installed by this exception, and how to install it. "" for all other
     exceptions."""
     name = (problem.name or "").partition(".")[0] if isinstance(problem, ModuleNotFoundError) else ""
-    return f"{name} is not installed; pip install 'clutter-env[{EXTRAS[name]}]'" if name in EXTRAS else ""
+    return f"{name} is not installed; {INSTALL}{EXTRAS[name]}]'" if name in EXTRAS else ""
 
 
 class ClutterEnvError(ValueError):

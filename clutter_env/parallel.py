@@ -232,7 +232,7 @@ class _RayTasks:
         try:
             import ray  # an optional dependency
         except ModuleNotFoundError as problem:
-            raise WorkerError(missing_extra(problem) or str(problem)) from None
+            raise WorkerError(missing_extra(problem) or str(problem)) from problem
         self._ray = ray
         self._is_ours = not ray.is_initialized()
         if self._is_ours:

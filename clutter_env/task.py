@@ -38,7 +38,10 @@ class Task:
             raise UnknownTask(f"{self.env_id}: {problem}") from problem
         ours: Any = env.unwrapped
         if not hasattr(getattr(ours, "physics_env", ours), "config"):
-            raise UnknownTask(f"{self.env_id!r} is an environment of another package, or a wrapper of one")
+            raise UnknownTask(
+                f"{self.env_id!r} is an environment of another package, or a wrapper of one; environments of this one, "
+                "such as clutter_env/ArmReach-v0, are shown by: clutter-env list environments"
+            )
         return env
 
     def provenance(self) -> dict[str, Any]:

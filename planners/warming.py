@@ -5,8 +5,9 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager
 
 import numpy as np
 from numba.core import event
@@ -85,6 +86,13 @@ class _Loading:
             if is_done or until.is_over:
                 return until
             wait([self.future], None if math.isinf(until.at) else until.remaining)
+
+
+@contextmanager
+def logged_compilation() -> Iterator[None]:
+    """Log the compilation of kernels within the block, for code that uses the planner's kernels without `warm_once`."""
+    with event.install_listener("numba:compile", _Compilation()):
+        yield
 
 
 class _Compilation(event.Listener):  # type: ignore[misc]  # numba has no type hints

@@ -182,7 +182,7 @@ def _attempts() -> Iterator[Attempt]:
     got = _alone("ParentsMemory")
     yield _judged("memory of the process that scores", got, "reads and writes it, as any process of the same user")
     challenged("Files")
-    yield _judged("the verifier's files", _found(), "reads the seeds of all scenes from the challenge's file")
+    yield _judged("the verifier's files", _found(), "is told no path, finds the challenge's file in its folder")
     with _Accomplice():
         got = _alone("Sockets")
     yield _judged("a socket to an accomplice", got, "is answered")

@@ -1,10 +1,12 @@
 """The answers to questions about scenes beside an exhaustive check that shares no search with them.
 
-    python -m scripts.check_questions --scenes 2000 --objects 6
+    python -m scripts.check_questions --scenes 700
+    python -m scripts.check_questions --scenes 60 --sampled
 
 Which objects must be moved: all orders of taking objects away are tried, shortest first, and the scene that is left
 after each is scanned anew for free grasps, from each of the 24 directions alone, with more base poses than the planner
 looks at. A free grasp is tried in MuJoCo: the robot is put there with its gripper open, and may touch nothing.
+With --sampled the grasps are sampled in MuJoCo instead, see `scripts.sampled_grasps`.
 What is touched: points all over each object, against the bar. What falls: the object is put elsewhere in the
 simulation, and one second passes.
 """
@@ -24,6 +26,7 @@ import mujoco
 import numpy as np
 import tyro
 
+from clutter_env.evaluation.question_balance import Asked, balanced
 from clutter_env.evaluation.question_files import asked, scenes as drawn_scenes
 from clutter_env.evaluation.questions import BAR, Asker, Question
 from clutter_env.reporting.progress import progress_bar
@@ -169,28 +172,33 @@ def _is_touched(scene: Scene, name: str, other: str) -> bool:
     return bool(((points[:, 0] <= tip[0]) & (np.abs(points[:, 1] - tip[1]) <= BAR / 2)).any())
 
 
-def main(scenes: int = 2000, objects: int = 6, first_seed: int = 20_000_000) -> int:
+def main(scenes: int = 700, objects: int = 6, first_seed: int = 20_000_000, sampled: bool = False) -> int:
     """Ask about scenes, check every answer, and print how many are wrong, by kind.
 
     Args:
         scenes: Number of scenes.
         objects: In each; with more than 6 the check takes long.
         first_seed: Seed of the first scene.
+        sampled: Sample the grasps in MuJoCo, without the planner.
     """
+    from scripts.sampled_grasps import SampledChecker
+
+    every = list[Asked]()
     found, wrong, spent = Counter[str](), Counter[str](), {"asked": 0.0, "checked": 0.0}
     parts: dict[str, tuple[gym.Env[Any, Any], Asker, Checker]] = {}
     with progress_bar(total=scenes, unit="scene") as bar:
         for kind, seed in drawn_scenes(objects, scenes, first_seed):
             if kind.env_id not in parts:
                 env = gym.make(kind.env_id, **kind.keywords)
-                parts[kind.env_id] = env, Asker(), Checker(env)
-                asked(env, seed, parts[kind.env_id][1])  # kernels are loaded once
+                parts[kind.env_id] = env, Asker(), (SampledChecker if sampled else Checker)(env)
+                asked(env, kind, seed, parts[kind.env_id][1])  # kernels are loaded once
             env, asker, checker = parts[kind.env_id]
             started = time.process_time()
-            scene, _, questions, _ = asked(env, seed, asker)
+            scene, target, questions, _ = asked(env, kind, seed, asker)
             spent["asked"] += time.process_time() - started
             started = time.process_time()
             found.update(question.kind for question in questions)
+            every += [Asked(question, question.about == target) for question in questions]
             for question, answer in checker.wrong(scene, questions):
                 wrong[question.kind] += 1
                 print(f"{kind.env_id}, seed {seed}: {question.text} {question.answer}, and by the check {answer}")
@@ -198,6 +206,8 @@ def main(scenes: int = 2000, objects: int = 6, first_seed: int = 20_000_000) -> 
             bar.update()
     rows = [[kind, str(number), str(wrong[kind])] for kind, number in found.items()]
     print(markdown_table(["kind", "questions", "wrong"], [*rows, ["all", str(found.total()), str(wrong.total())]]))
+    kept = len(balanced(every, np.random.default_rng(first_seed)))
+    print(f"{kept} of them are asked, so that colour and kind do not give the answer away")
     print(", ".join(f"{name} in {seconds / scenes:.3f} CPU s a scene" for name, seconds in spent.items()))
     return 1 if wrong else 0
 

@@ -3,14 +3,16 @@
     python scripts/opening_faults.py --fault shut --scenes 30
 
 Faults: "shut" (somebody shuts the drawer once, when it is open and let go), "slippery" (the handle has friction
-0.2, which the planner does not know), "jams" (it stops at half of its range, always). A row says whether the target was
-taken, by the environment's own rule, or what the expert said in the end.
+0.2), "jams" (it stops at half of its range, always). The expert knows none of them before. A row says whether the
+target was taken, by the environment's own rule, or what the expert said in the end.
 """
 
 from __future__ import annotations
 
+import copy
 from collections import Counter
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import gymnasium
@@ -39,6 +41,16 @@ class Arguments:
     objects: int = 5
 
 
+class _Unaware:
+    """An environment for the expert, who reads the model as it was before the fault, and the true state."""
+
+    def __init__(self, env: Any, model: mujoco.MjModel) -> None:
+        self._env, self.perceived = env, SimpleNamespace(model=model, data=env.data)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._env, name)
+
+
 def main(arguments: Arguments) -> None:
     """Play all scenes, and print a line for each and a table."""
     env = gymnasium.make(
@@ -58,20 +70,21 @@ def _played(env: Any, seed: int, fault: str) -> str:
     env.reset(seed=seed)
     world = env.unwrapped
     joint = world.model.joint("drawer_joint" if _has_drawer(world.model) else "door_joint")
-    handles = _handles(world.model)
+    handles, known = _handles(world.model), copy.deepcopy(world.model)
     was, friction = np.array(world.model.jnt_range), np.array(world.model.geom_friction)
     if fault == "slippery":
         world.model.geom_friction[handles, 0] = 0.2
     if fault == "jams":
         world.model.jnt_range[joint.id, 1] *= 0.5
     try:
-        return _followed(env, joint, handles, fault)
+        return _followed(env, known, joint, handles, fault)
     finally:
         world.model.jnt_range[:], world.model.geom_friction[:] = was, friction
 
 
-def _followed(env: Any, joint: Any, handles: list[int], fault: str) -> str:
-    world, expert = env.unwrapped, TampExpert(env)
+def _followed(env: Any, known: mujoco.MjModel, joint: Any, handles: list[int], fault: str) -> str:
+    world = env.unwrapped
+    expert = TampExpert(_Unaware(world, known))
     expert.reset()
     at, dof, info = int(joint.qposadr[0]), int(joint.dofadr[0]), {"is_success": False, "lifted": False}
     left = _PUSHED if fault == "shut" else 0

@@ -64,6 +64,9 @@ ROWS = (
         Result(name, "lookahead-all")
         for name in ("drawer-5-v1", "cupboard-5-v1", "fridge-10-v1", "blocked-drawer-5-v1")
     ),
+    Result("side-15-v3", "keyframes"),
+    Result("side-15-v3", "greedy"),
+    Result("deep-15-v2", "keyframes"),
 )
 """The results of the repository."""
 
@@ -137,6 +140,9 @@ def table(rows: Sequence[tuple[Result, Row]], known: Mapping[str, str]) -> str:
         "",
         "`make results` makes them again, and this page and the picture on the results page from them. "
         "[What a results file holds, and what it proves](../docs/verification.md).",
+        "",
+        "`cards.json` has the scores of the [task cards](../docs/environments/cards/index.md) that no other file has: "
+        "`python -m scripts.card_scores` makes them again.",
         "",
     ]
     return "\n".join(lines)

@@ -16,7 +16,9 @@ from gymnasium import spaces
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
 from numpy.typing import NDArray
 
-from clutter_env.errors import ConfigError, check_choice
+from clutter_env.envs.instruction import sentence
+from clutter_env.errors import ConfigError, OptionError, check_choice
+from clutter_env.suites import suite as named_suite
 from clutter_env.task import Task, family
 
 ENV_ID = "clutter_env/Retrieve-o15-v0"
@@ -79,19 +81,19 @@ class HubObservation(gym.ObservationWrapper):
     """Observations with the keys "agent_pos" and "pixels" or "environment_state".
 
     Attributes:
-        task, task_description: what to do, in words.
+        task: what to do, in words, the same for all episodes.
 
     Raises:
         ConfigError: `observations` is none of `OBSERVATIONS`; or the environment has no such observations.
     """
 
-    def __init__(self, env: gym.Env, observations: str) -> None:
+    def __init__(self, env: gym.Env, observations: str, language: bool = False) -> None:
         super().__init__(env)
         assert env.spec is not None
         parts = env.observation_space
         if not isinstance(parts, spaces.Dict) or family(env.spec.id) not in TASKS:
             raise ConfigError(f"{env.spec.id} is not for LeRobot; these are: {', '.join(TASKS)}")
-        self.task = self.task_description = TASKS[family(env.spec.id)]
+        self.task, self._language = TASKS[family(env.spec.id)], language
         self._observations = observations
         ends = [
             hub_observation({name: getattr(box, end) for name, box in parts.items()}, observations)
@@ -101,25 +103,71 @@ class HubObservation(gym.ObservationWrapper):
         found = {key: spaces.Box(low, ends[1][key]) for key, low in ends[0].items() if key != "pixels"}
         self.observation_space = spaces.Dict(found | ({"pixels": spaces.Dict(images)} if "pixels" in ends[0] else {}))
 
+    @property
+    def task_description(self) -> str:
+        """What to do: `task`, or with `language` the sentence of the present episode's goal."""
+        return sentence(self.env) if self._language else self.task
+
     def observation(self, observation: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
         """The observation with its entries grouped."""
         return hub_observation(observation, self._observations)
 
 
-def make_one(env_id: str = ENV_ID, observations: str = "environment_state", **keywords: Any) -> gym.Env:
+class SuiteScenes(gym.Wrapper):
+    """The test scenes of a suite in place of random ones: a reset with a seed starts that of this number, counted round
+    and round; one without a seed the next.
+
+    Args:
+        suite: its name.
+        keywords: of the environment, that do not change the scenes.
+
+    Raises:
+        SuiteError: there is no such suite, or a keyword argument changes its scenes.
+    """
+
+    def __init__(self, suite: str, **keywords: Any) -> None:
+        self._scenes, self._next = named_suite(suite).test, 0
+        super().__init__(self._scenes[0].make(**keywords))
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Start the episode of a scene.
+
+        Raises:
+            OptionError: there are options, which would make another scene.
+        """
+        if options:
+            raise OptionError("a scene of a suite is reset without options")
+        number = self._next if seed is None else seed
+        self._next = number + 1
+        return self._scenes[number % len(self._scenes)].reset(self.env)
+
+
+def make_one(
+    env_id: str = ENV_ID,
+    observations: str = "environment_state",
+    suite: str = "",
+    language: bool = False,
+    **keywords: Any,
+) -> gym.Env:
     """One environment of a hub.
 
     Args:
-        env_id: of the environment.
+        env_id: of the environment; without meaning where a suite is named.
         observations: one of `OBSERVATIONS`; "images" implies `obs_mode="rgbd"`.
+        suite: plays the test scenes of this suite, see `SuiteScenes`.
+        language: whether `task_description` is the sentence of the episode's goal.
         keywords: of the environment, such as "control_mode" or "image_size".
 
     Raises:
         UnknownTask: no environment of that id, or not with these keyword arguments.
         ConfigError: see `HubObservation`.
+        SuiteError: see `SuiteScenes`.
     """
     mode = {"obs_mode": "rgbd"} if observations == "images" else {}
-    return HubObservation(Task(env_id, {**keywords, **mode}).make(), observations)
+    chosen = {**keywords, **mode}
+    return HubObservation(
+        SuiteScenes(suite, **chosen) if suite else Task(env_id, chosen).make(), observations, language
+    )
 
 
 def make_env(

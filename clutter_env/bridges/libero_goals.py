@@ -153,8 +153,27 @@ class Translation:
             level = [one for one in level if one.body in own]
         near = [one for one in level if z - extent[2] - _UNDER <= one.top <= z + _ABOVE * (extent[2] < _THIN)]
         if not near:
-            raise BridgeError(f"nothing level is under the region {site!r}")
+            raise BridgeError(f"nothing level is under the region {site!r}{self._slant(site, own)}")
         return max(near, key=lambda one: one.top)
+
+    def _slant(self, site: str, own: set[str] | None) -> str:
+        """What slants under a region, of a fixture's bodies or of all, "" if nothing does."""
+        middle, extent = self._site(site)[0], self._extent(site)
+        corners = middle[:2] + extent[:2] * np.array(((1, 1), (1, -1), (-1, 1), (-1, -1), (0, 0)))
+        slanting = [
+            one
+            for one in self._scene.static_obstacles
+            if one.shape == "box"
+            and not one.has_level_top
+            and (own is None or one.body in own)
+            and one.top >= middle[2] - extent[2] - _UNDER
+            and one.is_under(corners).any()
+        ]
+        if not slanting:
+            return ""
+        face = max(slanting, key=lambda one: one.top)
+        angle = np.degrees(np.arccos(np.abs(face.rotation[2]).max()))
+        return f": {face.name} slants by {angle:.0f} degrees, and things are put on level faces alone"
 
     def _in_site(self, name: str, site: str) -> Goal:
         """In a region: of a container that moves, or a drawer, in that; else on what is its floor."""

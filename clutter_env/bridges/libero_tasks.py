@@ -36,6 +36,8 @@ from planners.grasping.families import GRASP_SETS, TOP
 
 SETTLE = 10
 """Steps in which objects come to rest, as in LIBERO's evaluations; they are not counted."""
+LONGEST_WAIT = 60
+"""Steps that are waited at most for objects that are still falling or toppling then; they are counted."""
 LIMITS = {"libero_spatial": 220, "libero_object": 280, "libero_goal": 300, "libero_10": 520, "libero_90": 400}
 """Steps after which evaluations of policies end an episode, by suite."""
 _FINGER_STEPS, _CLOSING_STEPS = 8, 14
@@ -107,11 +109,12 @@ class LiberoTask(OscTask):
         x, y, z = start["base"]
         place = np.array([x - _ARM[0], y, 0.0]), z - _ARM[1]
         super().__init__(libero, start, _spec_of(start), _panda(), place, _FINGER_STEPS, _CLOSING_STEPS)
+        self.solved_at: int | None = None
+        self.actions: list[list[float]] = []
+        self._wait()
         self.language: str = start["language"]
         known = [name for name in LIMITS if suite.startswith(name)]
         self.limit = LIMITS[known[0]] if known else None
-        self.solved_at: int | None = None
-        self.actions: list[list[float]] = []
         self.config = ExpertConfig(planning_s=math.inf, with_floor=False, monitor=MonitorConfig(slip=_SLIP))
         follower = self.follower(start, "Panda")
         self.planner = FollowingPlanner(self.robot, grasps=_GRASPS, controller=follower, saves_time=True)
@@ -121,6 +124,16 @@ class LiberoTask(OscTask):
         self.world = ControlledWorld(self, model, self.robot, movable=movable, line_tolerance=BESIDE)
         wanted = wanted_in(start, self.world)
         self.world.goal, self.world.regions, self.world.more_supports = wanted.goal, wanted.regions, wanted.supports
+
+    def _wait(self) -> None:
+        """Let objects come to rest: some frozen states begin with objects more than a metre up."""
+        while self._is_moving and self.steps < LONGEST_WAIT:
+            self._step(np.zeros(6), -1.0)
+        self._begin()
+
+    def _read(self, answer: dict[str, Any]) -> None:
+        super()._read(answer)
+        self._is_moving: bool = answer["is_moving"]
 
     def _step(self, action: np.ndarray, grip: float) -> None:
         super()._step(action, grip)

@@ -88,7 +88,7 @@ def play(arguments: Arguments) -> list[Row]:
     from clutter_env.evaluation.compare import Comparison, compare
     from clutter_env.evaluation.evaluate import EPISODE_S, ResultRecords
     from clutter_env.evaluation.scenes import SceneSet
-    from clutter_env.reporting.progress import progress_bar
+    from clutter_env.reporting.progress import LateBar
 
     if not arguments.suites and not arguments.envs:
         raise LearningError("name scenes: --suites, or --envs with --obstructed and --scenes; or --files of results")
@@ -100,5 +100,5 @@ def play(arguments: Arguments) -> list[Row]:
     comparison = Comparison(sets, arguments.policies, **options)
     records, total = ResultRecords(arguments.out / "results.jsonl"), comparison.num_episodes
     chosen = {name: getattr(arguments, name) for name in ("workers", "ray", "count_crashes")}
-    with progress_bar(total=total, unit="episode", seconds=EPISODE_S * total / arguments.workers) as bar:
-        return compare(comparison, records, tick=bar.update, **chosen)
+    with LateBar(total=total, unit="episode", seconds=EPISODE_S * total / arguments.workers) as bar:
+        return compare(comparison, records, begin=bar.begin, tick=bar.update, **chosen)

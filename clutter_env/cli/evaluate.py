@@ -55,15 +55,15 @@ def run(arguments: Arguments) -> None:
     from clutter_env.evaluation.tables import markdown_by_floor, markdown_short, results, summarise
     from clutter_env.policies.registry import check_name
     from clutter_env.reporting.files import write_json
-    from clutter_env.reporting.progress import progress_bar
+    from clutter_env.reporting.progress import LateBar
 
     check_name(arguments.policy)
     scenes = SceneSet(arguments.suite, arguments.split, count=arguments.scenes)
     count = len(scenes.scenes)
     names = ("seed", "feasibility", "trust", "python", "workers", "ray", "count_crashes")
     chosen = {name: getattr(arguments, name) for name in names}
-    with progress_bar(total=count, unit="episode", seconds=EPISODE_S * count / arguments.workers) as bar:
-        evaluation = evaluate(arguments.policy, scenes, tick=bar.update, **chosen)
+    with LateBar(total=count, unit="episode", seconds=EPISODE_S * count / arguments.workers) as bar:
+        evaluation = evaluate(arguments.policy, scenes, begin=bar.begin, tick=bar.update, **chosen)
     content, row = results(evaluation), summarise(arguments.policy, [evaluation])
     clean = evaluation.num_clean
     print(f"{arguments.policy} solved {clean} of {count} scenes of {scenes.name} cleanly.\n")

@@ -7,8 +7,8 @@ The recorded actions of each file are played again, as by `clutter-env verify`. 
 directory, so that each file is played only once. Unconfirmed files are named below the tables, without a score.
 
 With a verifier's ledger the page has two tables. Results of its challenges whose policy is here, and gives the same
-actions again, are measured, and rank. All others are claimed: scenes of public suites can be memorised, and nobody
-knows who made the actions of a file.
+actions again, are measured, and rank; of several under one name, the one that was played first. All others are claimed:
+scenes of public suites can be memorised, and nobody knows who made the actions of a file.
 """
 
 from __future__ import annotations
@@ -158,7 +158,10 @@ def _entries(arguments: Arguments) -> list[Entry]:
 
 
 def _measured(entry: Entry, suite: str, arguments: Arguments) -> Entry:
-    """The entry, marked as measured if it is of a challenge in the ledger and the challenge's check confirms it."""
+    """The entry, marked as measured if it is of a challenge in the ledger and the challenge's check confirms it.
+
+    Of all challenges under a policy's name only the one that was played first: nobody chooses the best of them.
+    """
     from clutter_env.errors import LearningError
     from clutter_env.evaluation.challenge import Ledger, check, read_challenge
     from clutter_env.suites import FILE
@@ -169,7 +172,7 @@ def _measured(entry: Entry, suite: str, arguments: Arguments) -> Entry:
         challenge = read_challenge(Path(suite))
     except LearningError:  # somebody's own file of scenes
         return entry
-    if challenge.commitment not in Ledger(arguments.ledger).draws(challenge.entry.digest):
+    if challenge.commitment != Ledger(arguments.ledger).first_started(challenge.entry.policy, challenge.entry.suite):
         return entry
     found = check(Path(suite), entry.file, arguments.ledger, workers=arguments.workers)
     if not found.is_measured:
@@ -224,7 +227,8 @@ _ABOUT = (
 )
 _OF = {
     "Measured": "Fresh scenes that the maker of this page drew after the policy's files were registered; every draw "
-    "counts, and the policy gave the same actions when it was run again.",
+    "counts, and the policy gave the same actions when it was run again. Of several challenges under one name the one "
+    "that was played first.",
     "Claimed": "Public scenes, which a policy may know by heart, and scenes that the entrant drew.",
 }
 _STYLE = (

@@ -18,7 +18,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from clutter_env.errors import missing_extra
+from clutter_env.errors import INSTALL, missing_extra
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -106,9 +106,8 @@ def _run(command: str, argv: Sequence[str]) -> None:
             raise
         # Misuse is a ValueError; what went wrong while it ran is (also) a RuntimeError or an OSError; an extra that is
         # not installed is no misuse either, wherever that is found out.
-        is_missing = problem.__cause__ is not None and missing_extra(problem.__cause__)
-        code = 1 if is_missing or isinstance(problem, RuntimeError | OSError) else 2
         message = "\n".join((str(problem), *getattr(problem, "__notes__", ())))
+        code = 1 if INSTALL in message or isinstance(problem, RuntimeError | OSError) else 2
         hint = _did_you_mean(argv, message) if code == 2 else ""
         _end(f"clutter-env {command}: {_with_hint(message, hint)}", code)
     if code:

@@ -50,6 +50,7 @@ def run(arguments: Arguments) -> None:
     from clutter_env.rendering.film import Film
     from clutter_env.rendering.renderer import has_display
     from clutter_env.reporting.progress import progress_bar, shown_compilation
+    from planners.warming import logged_compilation
 
     if arguments.objects not in clutter_env.OBJECT_COUNTS:
         valid = ", ".join(map(str, clutter_env.OBJECT_COUNTS))
@@ -77,7 +78,9 @@ def run(arguments: Arguments) -> None:
             film.watch(str(getattr(policy, "phase", "")))
         bar.update(1 / env.metadata["render_fps"])
 
-    with progress_bar(bar_format="{n:.0f} s simulated, {elapsed} passed") as bar:
+    # Learned policies and skills use kernels too, and compile them at their first step.
+    bar = progress_bar(bar_format="{n:.0f} s simulated, {elapsed} passed")
+    with bar, shown_compilation(), logged_compilation():
         if traits.acts_by_skills:  # a step is a whole skill, whose motions are shown afterwards
             played = scene_for(scene, acts_by_skills=True, feasibility="oracle")
             with closing(played.make()) as skills_env:

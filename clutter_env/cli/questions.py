@@ -2,7 +2,7 @@
 
     clutter-env questions make --scenes 100 --out outputs/questions
     clutter-env questions score outputs/questions --answers answers.jsonl
-    clutter-env questions score outputs/questions --baselines commonest random nearest-first shadow
+    clutter-env questions score outputs/questions --baselines commonest colour place random nearest-first shadow
 
 `make` writes questions.jsonl, with images and segmentation masks, and scenes.jsonl, which says where everything stands.
 An answer is a line {"id": ..., "answer": ...}: true or false, a number, or a list of names. See
@@ -43,7 +43,7 @@ class Score:
     answers: Path | None = None
     """Answers, one a line."""
     baselines: tuple[str, ...] = ()
-    """Rules: commonest, random, nearest-first, shadow."""
+    """Rules: commonest, colour, place, random, nearest-first, shadow."""
     seed: int = 0
     """Random seed of the random rule."""
     json: Path | None = None

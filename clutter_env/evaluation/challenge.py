@@ -340,6 +340,17 @@ class Ledger:
         """How often a draw has begun to be played."""
         return sum(kind == "started" and row["commitment"] == challenge.commitment for kind, row in self._rows)
 
+    def first_started(self, policy: str, suite: str) -> str | None:
+        """The commitment of the first draw that began to be played, of all entries of a policy's name for a suite."""
+        of = {
+            row["digest"]
+            for kind, row in self._rows
+            if kind == "entry" and (row["policy"], row["suite"]) == (policy, suite)
+        }
+        drawn = {row["commitment"] for kind, row in self._rows if kind == "draw" and row["entry"] in of}
+        started = (row["commitment"] for kind, row in self._rows if kind == "started")
+        return next((commitment for commitment in started if commitment in drawn), None)
+
     def note_played(self, challenge: Challenge, clean: int, digest: str) -> None:
         """Write that a draw has been played, and the digest of its results."""
         self._append("played", commitment=challenge.commitment, clean=clean, digest=digest)

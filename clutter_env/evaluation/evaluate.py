@@ -116,6 +116,7 @@ def evaluate(
     ray: str = "",
     count_crashes: bool = False,
     records: ResultRecords | None = None,
+    begin: Callable[[], object] = lambda: None,
     tick: Callable[[], object] = lambda: None,
 ) -> Evaluation:
     """Play all scenes with a policy, and score the replay of its actions.
@@ -137,6 +138,7 @@ def evaluate(
         ray: address of Ray; "" for processes of this machine.
         count_crashes: an exception of the policy is a failed episode; otherwise it ends the evaluation.
         records: file to which every score is written at once; those that are in it are not made again.
+        begin: called when the policy has been loaded and fits the scenes, before the first episode.
         tick: called after every episode.
 
     Raises:
@@ -177,6 +179,7 @@ def evaluate(
                 yield index, _checked(result, job.place(index))
 
         made_with = provenance(env)
+        begin()
         played = _complete(job, made_with, records, play, tick)
     finally:
         stream.close()
@@ -296,7 +299,7 @@ def _play_in_worker(
             raise PolicyCrashed(f"the policy was {traits}, and in another process is {process.traits}")
         scene = job.scenes.scenes[index]
         if traits.track == "privileged":
-            recording = process.play(job.scenes, index)
+            recording = process.play(scene)
         else:
             env = _seen_env(job.scenes, traits.acts_by_skills, job.feasibility, json.dumps(traits.env_keywords))
             played = scene_for(scene, traits.acts_by_skills, job.feasibility)

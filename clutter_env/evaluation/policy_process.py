@@ -22,6 +22,7 @@ import time
 import traceback
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from importlib.abc import MetaPathFinder
 from typing import Any, BinaryIO
 
@@ -30,7 +31,7 @@ import numpy as np
 
 from clutter_env.errors import LearningError
 from clutter_env.evaluation.recording import Recording
-from clutter_env.evaluation.scenes import SceneSet, scene_for
+from clutter_env.evaluation.scenes import Scene, scene_for
 from clutter_env.evaluation.score import PolicyCrashed, play_scene
 from clutter_env.parallel import POLL_INTERVAL
 from clutter_env.policies.protocol import PolicyError, PublicInfo, check_public
@@ -98,10 +99,13 @@ class PolicyProcess:
         """The next action."""
         return self._ask("act", observation)
 
-    def play(self, scenes: SceneSet, index: int) -> Recording:
-        """The recording of an episode of a privileged policy, in an environment of its own."""
+    def play(self, scene: Scene) -> Recording:
+        """The recording of an episode of a privileged policy, in an environment of its own.
+
+        It is told this scene alone: of the others, and of the file in which they stand, it learns nothing by it.
+        """
         started = time.perf_counter()
-        answer = self._ask("play", (scenes, index))
+        answer = self._ask("play", _told(scene))
         try:
             return Recording.from_json({**answer, "wall_s": time.perf_counter() - started})
         except (LearningError, TypeError) as problem:
@@ -202,6 +206,12 @@ def serve() -> None:
             _end_own_group()
 
 
+def _told(scene: Scene) -> Scene:
+    """The scene with plain dictionaries, which can be pickled."""
+    plain: dict[str, Any] = {name: dict(value) for name, value in vars(scene).items() if isinstance(value, Mapping)}
+    return replace(scene, **plain)
+
+
 def _send(stream: Any, content: bytes) -> None:
     data = memoryview(_LENGTH.pack(len(content)) + content)
     while data:
@@ -291,10 +301,10 @@ class _Host:
             if action.dtype.kind not in "fiub" or action.size > _MOST_NUMBERS:
                 raise TypeError(f"act() returned no action but {action.dtype} numbers of shape {action.shape}")
             return action.tolist()
-        return self._play(*argument).to_json()
+        return self._play(argument).to_json()
 
-    def _play(self, scenes: SceneSet, index: int) -> Recording:
-        played = scene_for(scenes.scenes[index], self._traits.acts_by_skills, self._feasibility)
-        if self._env is None or self._env_of != scenes:
-            self._env, self._env_of = played.make(**self._traits.env_keywords), scenes
-        return Recording.of(scenes.scenes[index], self._env, play_scene(played, self._env, self._policy))
+    def _play(self, scene: Scene) -> Recording:
+        played = scene_for(scene, self._traits.acts_by_skills, self._feasibility)
+        if self._env is None or self._env_of != (played.env_id, played.keywords):
+            self._env, self._env_of = played.make(**self._traits.env_keywords), (played.env_id, played.keywords)
+        return Recording.of(scene, self._env, play_scene(played, self._env, self._policy))

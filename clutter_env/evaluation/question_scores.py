@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,11 @@ NEAR = 0.10
 about the width of the open gripper."""
 _MOST = 3
 """The random rule says numbers from 0 to this, and the names of so many objects at most."""
+
+_TOGETHER = 5
+"""Scenes in a row that belong to one half: so many have all kinds among them."""
+_SQUARE = 0.2
+"""[m] Sides of the squares of a table."""
 
 Record = Mapping[str, Any]
 
@@ -62,6 +67,8 @@ def answered(rule: str, questions: Sequence[Record], scenes: Sequence[Record], s
     """
     if rule == COMMONEST:
         return _commonest(questions)
+    if rule in LEARNED:
+        return _learned(rule, questions, scenes)
     placed = {scene["scene"]: _Placed(scene) for scene in scenes}
     rng = np.random.default_rng(seed)
     return {one["id"]: RULES[rule](one, placed[one["scene"]], rng) for one in questions}
@@ -69,11 +76,46 @@ def answered(rule: str, questions: Sequence[Record], scenes: Sequence[Record], s
 
 def _commonest(questions: Sequence[Record]) -> dict[str, Any]:
     """The answer that is right most often among the questions of a kind: what can be won without any image."""
-    counts: dict[str, Counter[str]] = {}
-    for one in questions:
-        counts.setdefault(one["kind"], Counter())[json.dumps(one["answer"])] += 1
-    best = {kind: json.loads(found.most_common(1)[0][0]) for kind, found in counts.items()}
+    best = _best((one["kind"], one) for one in questions)
     return {one["id"]: best[one["kind"]] for one in questions}
+
+
+def _best(keyed: Iterable[tuple[Hashable, Record]]) -> dict[Hashable, Any]:
+    """The commonest answer of the questions with each key."""
+    counts: dict[Hashable, Counter[str]] = {}
+    for key, one in keyed:
+        counts.setdefault(key, Counter())[json.dumps(one["answer"])] += 1
+    return {key: json.loads(found.most_common(1)[0][0]) for key, found in counts.items()}
+
+
+def _learned(rule: str, questions: Sequence[Record], scenes: Sequence[Record]) -> dict[str, Any]:
+    """What a rule answers that knows one property of the object, learned from the other half of the scenes.
+
+    Where no question of the kind about an object with that property is in the other half, the commonest answer of the
+    kind there; where none of the kind is, the rule gives no answer.
+    """
+    half = {scene["scene"]: index // _TOGETHER % 2 for index, scene in enumerate(scenes)}
+    of = {scene["scene"]: {one["name"]: one for one in scene["objects"]} for scene in scenes}
+    answers: dict[str, Any] = {}
+    for part in (0, 1):
+        known = [one for one in questions if half[one["scene"]] != part]
+        best = _best(((one["kind"], LEARNED[rule](of[one["scene"]][one["about"]])), one) for one in known)
+        usual = _best((one["kind"], one) for one in known)
+        for one in questions:
+            if half[one["scene"]] == part and one["kind"] in usual:
+                key = one["kind"], LEARNED[rule](of[one["scene"]][one["about"]])
+                answers[one["id"]] = best.get(key, usual[one["kind"]])
+    return answers
+
+
+def _colour(placed: Record) -> Hashable:
+    return tuple(placed["colour"])
+
+
+def _place(placed: Record) -> Hashable:
+    """The square of the table on which an object stands."""
+    x, y, _ = placed["position"]
+    return round(x / _SQUARE), round(y / _SQUARE)
 
 
 class _Placed:
@@ -160,5 +202,8 @@ RULES: Mapping[str, Callable[[Record, _Placed, np.random.Generator], Any]] = {
 """Rules by name that answer question by question. The last two know where everything stands, which a model must see."""
 COMMONEST = "commonest"
 """The rule that gives every question the commonest answer of its kind, which it knows from the right answers."""
-BASELINES = (COMMONEST, *RULES)
+LEARNED: Mapping[str, Callable[[Record], Hashable]] = {"colour": _colour, "place": _place}
+"""Rules that know the colour of the object that a question is about, or the square of the table on which it stands, and
+nothing of the others."""
+BASELINES = (COMMONEST, *LEARNED, *RULES)
 """Names of all rules."""

@@ -101,23 +101,22 @@ class Asker:
 
     workspaces: dict[str, Workspace] = field(default_factory=dict)
 
-    def questions(self, env: Any, target: str, rng: np.random.Generator) -> list[Question]:
+    def questions(self, env: Any, about: Sequence[str]) -> list[Question]:
         """All questions about the present scene whose answers are proved.
 
         Args:
             env: an environment of this package, unwrapped, that has been reset.
-            target: the object that most questions are about.
-            rng: chooses another one.
+            about: names of the objects that are asked about; all of them in a scene in which something stands on
+                something else.
         """
         scene = Scene.from_mujoco(env.model, env.data, env.robot)
         if _is_stacked(scene):
             return [_falls(scene, name) for name in scene.names]
-        other = str(rng.choice([name for name in scene.names if name != target]))
         touching, found = _touching(env), list[Question | None]()
-        for name in (target, other):
+        for name in about:
             found += [self._taken_now(scene, touching, name), self._from_where(scene, touching, name)]
             found.append(_touched(scene, name))
-        found += self._fewest(scene, touching, target)
+            found += self._fewest(scene, touching, name)
         return [one for one in found if one is not None]
 
     def _taken_now(self, scene: Scene, touching: _Touching, name: str) -> Question | None:

@@ -144,12 +144,16 @@ def _tile(caption: str, picture: Frame) -> Frame:
     return np.asarray(page)
 
 
-def save_gif(images: Sequence[Frame], path: Path, milliseconds: int) -> None:
-    """Write a film with one palette for all frames. A palette for each frame would take most of the time."""
+def save_gif(images: Sequence[Frame], path: Path, milliseconds: int, comment: str = "") -> None:
+    """Write a film with one palette for all frames. A palette for each frame would take most of the time.
+
+    `comment` is kept in the file. It can say what the film was made from.
+    """
     # Of three frames side by side, so that a target that is hidden in some of them keeps its colour.
     palette = Image.fromarray(np.hstack([images[0], images[len(images) // 2], images[-1]])).quantize()
     frames = [Image.fromarray(image).quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
-    frames[0].save(path, save_all=True, append_images=frames[1:], duration=milliseconds, loop=0, optimize=True)
+    about: dict[str, Any] = {"comment": comment.encode()} if comment else {}
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=milliseconds, loop=0, optimize=True, **about)
 
 
 CODEC, PIXELS = "h264", "yuv420p"

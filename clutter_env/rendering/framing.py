@@ -102,15 +102,29 @@ def near_view(direction: tuple[float, float]) -> mujoco.MjvCamera:
     return camera
 
 
+def pixels_of(
+    model: mujoco.MjModel, camera: mujoco.MjvCamera, points: ArrayLike, size: tuple[int, int]
+) -> NDArray[np.float64]:
+    """Places (n, 2) of world points (n, 3) [m] in a picture of a free camera: column and row [pixels].
+
+    Args:
+        model: gives the field of view of free cameras.
+        camera: that the picture was made with.
+        points: before the camera.
+        size: width and height [pixels] of the picture.
+    """
+    width, height = size
+    forward, right, up = _axes((camera.azimuth, camera.elevation)) @ (np.asarray(points, dtype=float) - camera.lookat).T
+    scale = height / 2 / math.tan(math.radians(model.vis.global_.fovy) / 2) / (forward + camera.distance)
+    return np.column_stack((width / 2 + scale * right, height / 2 - scale * up))
+
+
 def view_of(model: mujoco.MjModel, points: Points, direction: tuple[float, float], aspect: float) -> mujoco.MjvCamera:
     """The nearest free camera that has all points (n, 3) [m] in view."""
     camera = mujoco.MjvCamera()
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE
     camera.azimuth, camera.elevation = direction
-    turn, tilt = map(math.radians, direction)
-    ahead = (math.cos(tilt) * math.cos(turn), math.cos(tilt) * math.sin(turn), math.sin(tilt))
-    right_hand = (math.sin(turn), -math.cos(turn), 0.0)
-    axes = np.array((ahead, right_hand, np.cross(right_hand, ahead)))  # forward, right and up of the camera
+    axes = _axes(direction)
     forward, sideways, upwards = axes @ points.T
     middle = (forward.min() + forward.max()) / 2
     up = math.tan(math.radians(model.vis.global_.fovy) / 2)
@@ -119,6 +133,14 @@ def view_of(model: mujoco.MjModel, points: Points, direction: tuple[float, float
     camera.lookat[:] = np.array((middle, right, high)) @ axes
     camera.distance = _MARGIN * max(far, deep)
     return camera
+
+
+def _axes(direction: tuple[float, float]) -> Points:
+    """Unit vectors (3, 3) forward, right and up of a camera with this azimuth and elevation [deg]."""
+    turn, tilt = map(math.radians, direction)
+    ahead = (math.cos(tilt) * math.cos(turn), math.cos(tilt) * math.sin(turn), math.sin(tilt))
+    right_hand = (math.sin(turn), -math.cos(turn), 0.0)
+    return np.array((ahead, right_hand, np.cross(right_hand, ahead)))
 
 
 def _centred(across: Points, forward: Points, slope: float) -> tuple[float, float]:

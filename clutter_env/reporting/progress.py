@@ -6,7 +6,7 @@ import logging
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, TextIO
+from typing import Any, Self, TextIO
 
 from tqdm import tqdm
 
@@ -27,6 +27,34 @@ def progress_bar(*arguments: Any, seconds: float = 0.0, **options: Any) -> tqdm:
     if sys.stderr.isatty():
         return tqdm(*arguments, **options)
     return _Lines(*arguments, **{"mininterval": SECONDS_BETWEEN_LINES, "maxinterval": SECONDS_BETWEEN_LINES, **options})
+
+
+class LateBar:
+    """A progress bar of `progress_bar` that appears only at `begin`, after the arguments have proved valid.
+
+    A context manager, which closes the bar.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        self._options = options
+        self._bar: tqdm | None = None
+
+    def begin(self) -> None:
+        """Show the bar."""
+        self._bar = self._bar or progress_bar(**self._options)
+
+    def update(self) -> None:
+        """Add one."""
+        self.begin()
+        assert self._bar is not None
+        self._bar.update()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.close()
 
 
 class _Lines(tqdm):  # type: ignore[misc]  # tqdm has no type hints

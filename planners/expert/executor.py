@@ -70,6 +70,7 @@ class Executor:
         is_over: whether the plan was executed to its end or, with a `deviation`, stopped.
         deviation: the deviation that stops the plan, if any.
         cleared: names of the objects put down so far, in order.
+        stop: drawer or door that did not move as far as planned, and its position [m] or [rad] then. None otherwise.
     """
 
     def __init__(
@@ -109,12 +110,13 @@ class Executor:
         self._sent: deque[Command] = deque(maxlen=latency + 1)
         self.action, self.is_over = 0, False
         self.deviation: Deviation | None = None
+        self.stop: tuple[str, float] | None = None
         self.cleared: list[str] = []
 
     def advance(self, now: Snapshot) -> Command:
         """Compare the world with the plan, and return the next command."""
         if self.deviation is None and not self._is_at_end:
-            self.deviation = self._compare(now)
+            self._deviate(self._compare(now), now)
         if not self._has_to_wait(now):
             self._move_on(now)
         self.is_over = self._is_at_end or (self.deviation is not None and self._has_stopped())
@@ -135,14 +137,6 @@ class Executor:
             return None
         following = (contact_of(action) for action in self._actions[self.action :])
         return label_of(self._trajectory, self._time, next((found for found in following if found is not None), None))
-
-    @property
-    def opening(self) -> str:
-        """Name of the part that was being opened or shut when the plan stopped, "" for none."""
-        if self.deviation is not None and self.deviation.kind is DeviationKind.NOT_OPENED:
-            return self.deviation.object
-        action = self._present
-        return action.target if _is_pull(action) and action.trajectory.phase(self._time).name == "pull" else ""
 
     @property
     def arm(self) -> str:
@@ -173,6 +167,17 @@ class Executor:
     def _samples(self) -> int:
         return round(self._trajectory.duration / CONTROL_STEP)
 
+    def _deviate(self, deviation: Deviation | None, now: Snapshot) -> None:
+        """Take over a deviation, if there is one. One in the middle of a pull tells where the drawer or door stopped.
+
+        The gripper then goes back, and the part with it: afterwards it is not seen any more.
+        """
+        self.deviation, action = deviation, self._present
+        if deviation is None or not _is_pull(action) or action.target not in now.openings:
+            return
+        if deviation.kind is DeviationKind.NOT_OPENED or action.trajectory.phase(self._time).name == "pull":
+            self.stop = action.target, now.openings[action.target]
+
     # Time in the plan: it runs slower if the robot lags, and stops or runs back after a deviation.
 
     def _move_on(self, now: Snapshot) -> None:
@@ -186,7 +191,8 @@ class Executor:
         while not self._is_at_end and self._tick > (samples := self._samples) + _ROUNDING:
             self._tick -= samples
             self._expected = now
-            self.deviation = self.deviation or _not_opened(self._present, now)
+            if self.deviation is None:
+                self._deviate(_not_opened(self._present, now), now)
             if self._present.is_clearance:
                 self.cleared.append(self._present.target)
             self.action += 1
@@ -220,7 +226,8 @@ class Executor:
         if self._waited >= (PATIENCE if tolerance < self._given_up else _HURRIED):
             self._waited, self._given_up = 0.0, tolerance
             if self.deviation is None and is_behind(wanted, now.T_world_tcp, ON_THE_WAY):
-                self.deviation, self._rate = Deviation(DeviationKind.ARM_TRACKING_ERROR), 0.0
+                self._deviate(Deviation(DeviationKind.ARM_TRACKING_ERROR), now)
+                self._rate = 0.0
             return False
         self._waited += self._stride
         return True

@@ -337,8 +337,8 @@ class TampExpert:
             return self._hold()
         deviation = str(executor.deviation)
         self._note(deviation)
-        if executor.opening:
-            self._world.opened_in_part(executor.opening)
+        if executor.stop is not None:
+            self._world.opened_in_part(*executor.stop)
         failure = f"gave up after {self._report.replans} replans; last deviation: {deviation}"
         return self._replan(failure, Wait(self._steps(self._config.settle_s)), self._check)
 
@@ -350,9 +350,10 @@ class TampExpert:
     def _check(self) -> Steps:
         """End the episode if the goal is reached or cannot be measured. Otherwise plan again from the present scene."""
         is_reached, unknown = self._world.reaches(self._goal, self._start_scene)
-        if is_reached or unknown:
+        failure = unknown or ("" if is_reached else self._world.stops_short_of(self._goal))
+        if is_reached or failure:
             self._report = replace(self._report, scored=is_reached)
-            return self._end(unknown)
+            return self._end(failure)
         if not self._report.executed:
             return self._plan()
         self._report = replace(self._report, executed=False)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from planners.facts import Closed
+from planners.goals import Goal
 from planners.scene import Opening, Scene
 
 _SAME_STOP = 0.05
@@ -17,15 +19,16 @@ class Stops:
         self._stopped: dict[str, float] = {}
         self._ends: dict[str, float] = {}
 
-    def note(self, opening: Opening) -> None:
-        """Note where a part stopped that was not moved as far as planned. A second stop at this place becomes its end.
+    def note(self, opening: Opening, position: float) -> None:
+        """Note where [m], [rad] a part stopped that was not moved as far as planned. A second stop there is its end.
 
         Only a part that has moved gets an end: otherwise the handle may have slipped.
         """
-        before, near = self._stopped.get(opening.name), _SAME_STOP * abs(opening.open - opening.shut)
-        if before is not None and abs(opening.position - before) < near and opening.share > _SAME_STOP:
-            self._ends[opening.name] = opening.position
-        self._stopped[opening.name] = opening.position
+        near = _SAME_STOP * abs(opening.open - opening.shut)
+        before, has_moved = self._stopped.get(opening.name), abs(position - opening.shut) > near
+        if before is not None and abs(position - before) < near and has_moved:
+            self._ends[opening.name] = position
+        self._stopped[opening.name] = position
 
     def applied(self, scene: Scene) -> Scene:
         """The scene with the known ends, or the same scene without any."""
@@ -33,3 +36,18 @@ class Stops:
             return scene
         openings = (replace(one, open=self._ends.get(one.name, one.open)) for one in scene.openings)
         return replace(scene, openings=tuple(openings))
+
+    def short_of(self, goal: Goal, scene: Scene) -> str:
+        """Message about a part that stops short of where a goal wants it in a scene, "" for none.
+
+        The scene is as measured, without the ends.
+        """
+        for fact in goal.openings:
+            end = self._ends.get(fact.opening)
+            if end is None or isinstance(fact, Closed) or fact.holds(scene):
+                continue
+            opening = scene.opening(fact.opening)
+            if abs(fact.position_in(scene) - opening.shut) > abs(end - opening.shut):
+                unit = "m" if opening.kind == "slide" else "rad"
+                return f"{opening.name!r} stopped twice at {abs(end - opening.shut):.3g} {unit}, short of the goal"
+        return ""

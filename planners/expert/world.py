@@ -37,9 +37,13 @@ class PerceivedWorld:
         model, data, names = self.source.model, self.source.data, self._env.object_names
         return {arm: Sensor(model, data, robot, names) for arm, robot in self.robots.items()}
 
-    def opened_in_part(self, name: str) -> None:
-        """Note that a part was not moved as far as planned. A second stop at the same place becomes its end."""
-        self._stops.note(self._measured().opening(name))
+    def opened_in_part(self, name: str, position: float) -> None:
+        """Note where a part stopped that was not moved as far as planned. A second stop there becomes its end."""
+        self._stops.note(self._measured().opening(name), position)
+
+    def stops_short_of(self, goal: Goal) -> str:
+        """Message about a drawer or door that stops short of where a goal wants it, "" for none."""
+        return self._stops.short_of(goal, self._measured())
 
     def scene(self) -> Scene:
         """Read the present scene, with the arm active that is away from home. Arms near home are set to it exactly.
@@ -49,7 +53,7 @@ class PerceivedWorld:
         """
         scenes = []
         for arm in self.robots:
-            scene = self._measured(arm, held_object(self._measured(arm)))
+            scene = self._stops.applied(self._measured(arm, held_object(self._measured(arm))))
             state = scene.state
             q = planned_from(scene.robot, state.q)
             scenes.append(scene.with_state(RobotState(state.base, q, state.finger_position)))
@@ -82,17 +86,15 @@ class PerceivedWorld:
     def _measured(self, arm: str = "", held: str = "") -> Scene:
         """The present scene, with an arm active and this object in its gripper."""
         env, known = self._env, self.source
-        return self._stops.applied(
-            Scene.from_mujoco(
-                known.model,
-                known.data,
-                self.robots.get(arm, env.robot),
-                held,
-                movable=env.object_names,
-                support=env.support_name,
-                more_supports=getattr(env, "more_supports", None),
-                regions=getattr(env, "regions", ()),
-            )
+        return Scene.from_mujoco(
+            known.model,
+            known.data,
+            self.robots.get(arm, env.robot),
+            held,
+            movable=env.object_names,
+            support=env.support_name,
+            more_supports=getattr(env, "more_supports", None),
+            regions=getattr(env, "regions", ()),
         )
 
 

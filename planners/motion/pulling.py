@@ -197,7 +197,7 @@ def plan_pull(
         if not tracks:
             return NoPath("push: the fingers are not before a face that they can push")
     else:
-        tracks = [_pulled_track(scene, T, positions)]
+        tracks = list(_pulled_tracks(scene, T, positions))
     refused: list[BlockedBy | NoPath] = []
     ways = ((X, track) for track in tracks for X in followed_ways(scene.robot, world.robot, grasp, track.poses))
     for X, track in ways:
@@ -209,7 +209,9 @@ def plan_pull(
         if blocked is not None:
             refused.append(blocked)
             continue
-        after = pulled(scene).with_state(RobotState(X[-1, :3], X[-1, 3:], scene.robot.finger_position(0.0)))
+        turned = None if track.turned is None else float(track.turned[-1])
+        state = RobotState(X[-1, :3], X[-1, 3:], scene.robot.finger_position(0.0))
+        after = pulled(scene, turned=turned).with_state(state)
         if scene.pull.pushes:  # the face may have turned in front of the fingers
             held = HeldObject.grasped(after.body(held.name), tcp_poses(world.robot, X[-1:])[0])
         left = _left(CollisionWorld.from_scene(after), held, rng)
@@ -221,19 +223,28 @@ def plan_pull(
     return min(objects, key=lambda one: len(one.blockers)) if objects else refused[0]
 
 
-def _pulled_track(scene: Scene, T: Array, positions: Array) -> Track:
-    """Path of a hand that holds a handle at T (4, 4). A lever is turned first, if there is one."""
+def _pulled_tracks(scene: Scene, T: Array, positions: Array) -> Iterator[Track]:
+    """Paths of a hand that holds a handle at T (4, 4), the better one first.
+
+    If there is a lever, it is turned first. It is let back at the end, since a spring would turn it against the leaving
+    hand and push the door shut. Where the hand cannot follow it back, it is let go as it is.
+    """
     assert scene.pull is not None
     opening = scene.opening(scene.pull.opening)
     if not scene.pull.lever:
-        return Track(np.array([opening.motion(position) @ T for position in positions]), positions)
+        yield Track(np.array([opening.motion(position) @ T for position in positions]), positions)
+        return
     lever = scene.opening(scene.pull.lever)
     steps = max(int(np.ceil(abs(scene.pull.turned - lever.position) / _TURN_STEP)), 2)
-    turned = np.concatenate([[lever.position], way(lever, scene.pull.turned, steps)])
-    at_last = lever.motion(scene.pull.turned) @ T
-    poses = [lever.motion(one) @ T for one in turned] + [opening.motion(one) @ at_last for one in positions[1:]]
-    before, after = np.full(len(turned), positions[0]), np.full(len(positions) - 1, scene.pull.turned)
-    return Track(np.array(poses), np.concatenate([before, positions[1:]]), np.concatenate([turned, after]))
+    turning = np.concatenate([[lever.position], way(lever, scene.pull.turned, steps)])
+    back = turning[-2::-1]
+    pulling = positions[1:]
+    where = np.concatenate([np.full(len(turning), positions[0]), pulling, np.full(len(back), positions[-1])])
+    turned = np.concatenate([turning, np.full(len(pulling), scene.pull.turned), back])
+    poses = np.array([opening.motion(at) @ lever.motion(by) @ T for at, by in zip(where, turned, strict=True)])
+    kept = len(poses) - len(back)
+    yield Track(poses, where, turned)
+    yield Track(poses[:kept], where[:kept], turned[:kept])
 
 
 def _in_the_way(world: CollisionWorld, X: Array, track: Track, gap: float) -> BlockedBy | NoPath | None:

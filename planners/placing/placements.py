@@ -11,7 +11,7 @@ import itertools
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,7 +161,7 @@ class PlacementSearch:
                         found = look(world, locations[row], free[row])
                         yield from (replace(placement, surfaces=surfaces) for placement in found)
 
-    def find_at(  # noqa: C901  closures share what has failed
+    def find_at(
         self,
         world: CollisionWorld,
         place: Place,
@@ -184,120 +184,11 @@ class PlacementSearch:
                 shelf only.
             deadline: when to stop.
         """
-        scene, (_, body), radius = world.scene, in_hand(world.scene), _radius(world.scene)
-        surfaces: tuple[Surface, ...] = ()
-        # Radius of the part that must lie on the face: in an area the circle inside the object, at a pose just enough
-        # to keep it from tipping over the edge.
-        feet = [_TIPS]
-        # In a container, the walls hold an object that would tip over the edge of a small floor.
-        if place.area is not None and place.hollow is None:
-            feet = [inner_radius(body) - EDGE]
-            if place.area.name != place.face.name and not place.face.is_under(place.area.corners).all():
-                # The area reaches over the edge, so the object may too.
-                feet += [max(_TIPS, inner_radius(body) / 2), _TIPS]
-        if place.below:
-            world = with_lowered(world, place.below)
-        else:
-            surfaces = self.surfaces(world, keep_clear, (place.face,))
-
-        def allowed(points: Array, foot: float = feet[-1]) -> NDArray[np.bool_]:
-            """Whether an object at points (n, 2) stands on the face, clear of grasps and reserved regions: (n,)."""
-            free = place.face.is_under(points[:, None] + foot * _RIM).all(axis=1)
-            for surface in surfaces if keep_clear.grasps else ():
-                free &= is_free(surface.grid, surface.region.mask, points, radius)
-            for region in keep_clear.reserved:
-                if region.support == place.face.name:
-                    free &= ~region.touches_disc(points, radius)
-            return np.asarray(free)
-
-        free_at = _free_poses(world)
-        drops = (0.0,) if place.area is None or not place.area.drop else (0.0, place.area.drop)
+        lowered = with_lowered(world, place.below) if place.below else world
+        surfaces = () if place.below else self.surfaces(world, keep_clear, (place.face,))
         failed = [] if failed is None else failed
-        # The farthest row comes first. If half of the tries fail under a shelf, the reachable depth is measured, and
-        # the deepest reachable row comes next. So no object blocks the locations behind it.
-        is_covered_place = is_under_shelf(scene, place)
-        middle = np.array((0.0, 0.0) if place.area is None else place.area.centre)
-
-        def is_near_failure(point: Array) -> bool:
-            return any(math.dist(point, other) < _NEAR_FAILURE for other in failed)
-
-        def locations() -> Iterator[tuple[Array, Yaws]]:
-            found: Iterator[tuple[Array, Yaws]] = iter(())
-            for foot, pitch in zip(feet, (PITCH, PITCH, NARROW), strict=False):
-                may_be = partial(allowed, foot=foot)
-                some = locations_in(scene, body, place, leaving, others, may_be, pitch, is_near_failure)
-                found = itertools.chain(found, some)
-            if len(drops) > 1 or (place.hollow is not None and not others):  # walls are farthest from the middle
-                found = iter(sorted(found, key=lambda one: math.dist(one[0], middle)))
-            for point, yaws in found:
-                if is_covered_place and len(failed) >= _FAILURES // 2:
-                    break
-                yield point, yaws
-            else:
-                return
-            inwards, depth = self.depth(world, place)
-            # The depth decides here: rows keep room for the others.
-            rest = locations_in(scene, body, place, leaving, (), allowed)
-            fitting = [one for one in rest if inwards @ one[0] < depth + _ROW / 2]
-            across = np.array([-inwards[1], inwards[0]])
-
-            def deepest_first(one: tuple[Array, Yaws]) -> tuple[int, float]:
-                """Rank the deepest row first, and each row from its middle, since walls are at the sides."""
-                return -round(float(inwards @ one[0]) / _ROW), round(abs(float(across @ (one[0] - middle))), _DECIMALS)
-
-            yield from sorted(fitting, key=deepest_first)
-
-        for point, yaws in locations():
-            if is_near_failure(point):
-                continue
-            if deadline.is_over or len(failed) >= _FAILURES:
-                return
-            location, has_any, has_room = np.array([*point, place.face.top]), False, is_covered_place
-            for drop in drops:
-                free = free_at(location + [0.0, 0.0, drop], yaws)
-                has_room |= len(free) > 0
-                for found in self._held_at(world, location + [0.0, 0.0, drop], free):
-                    has_any = True
-                    body = found.body.lowered(drop)
-                    yield replace(found, body=body, surfaces=surfaces, below=place.below, drop=drop)
-                if has_any:
-                    break
-            if not has_any and has_room:
-                failed.append(point)
-        hollow = place.hollow or (
-            hollow_about(scene, place.face) if place.area is not None and not place.below else None
-        )
-        if hollow is not None and len(drops) == 1:
-            for found in self._let_fall(world, place, hollow, allowed, deadline):
-                yield replace(found, surfaces=surfaces, below=place.below)
-
-    def _let_fall(
-        self,
-        world: CollisionWorld,
-        place: Place,
-        hollow: Hollow,
-        allowed: Callable[[Array], NDArray[np.bool_]],
-        deadline: Deadline,
-    ) -> Iterator[Placement]:
-        """Find placements from which the held object falls into a container, the shortest fall and the middle first.
-
-        They serve where the hand does not fit between the walls at the bottom. The object's lowest point starts below
-        the rim.
-        """
-        (_, body), level, free_at = in_hand(world.scene), place.face.top, _free_poses(world)
-        middle, points = np.array(hollow.area.centre), list[tuple[Array, Yaws]]()
-        inside = locations_in(world.scene, body, place, (), (), allowed)
-        for point, yaws in sorted(inside, key=lambda one: (len(one[1]) > 1, math.dist(one[0], middle))):
-            known = [other for other, how in points if how == yaws]
-            if len(known) < _LOCATIONS_OF_FALLS and all(math.dist(point, one) > _BETWEEN_FALLS for one in known):
-                points.append((point, yaws))
-        for drop in (one for one in FALLS if one < hollow.depth):
-            for point, yaws in points:
-                if deadline.is_over:
-                    return
-                location = np.array([*point, level + drop])
-                for found in self._held_at(world, location, free_at(location, yaws)):
-                    yield replace(found, body=found.body.lowered(drop), drop=drop)
+        at = _AtPlace(self, world.scene, lowered, place, keep_clear, surfaces, leaving, others, failed, deadline)
+        yield from (replace(found, surfaces=surfaces, below=place.below) for found in at.placements())
 
     def depth(self, world: CollisionWorld, place: Place) -> tuple[Array, float]:
         """Find the direction (2,) into a place under a shelf, and the depth [m] that the held object can reach there.
@@ -472,6 +363,188 @@ class PlacementSearch:
                 placed = put_down(scene, pose, level)
                 yield Placement(placed, base, found.q[best], yaw, pitch, opening)
                 return
+
+
+@dataclass(frozen=True)
+class _AtPlace:
+    """Search for placements of the held object at one place of a goal. See `PlacementSearch.find_at`.
+
+    Attributes:
+        search: source of base poses and arm configurations.
+        scene: the scene with the object in hand.
+        world: the same scene compiled, with the object below the place lowered.
+        place, keep_clear, leaving, others, failed, deadline: as for `PlacementSearch.find_at`.
+        surfaces: the face of the place with its keep-out regions. Empty on top of an object.
+    """
+
+    search: PlacementSearch
+    scene: Scene
+    world: CollisionWorld
+    place: Place
+    keep_clear: KeepClear
+    surfaces: tuple[Surface, ...]
+    leaving: Collection[str]
+    others: Sequence[Body]
+    failed: list[Array]
+    deadline: Deadline
+
+    def placements(self) -> Iterator[Placement]:
+        """Find placements at the locations of the place, then from above for containers too deep for the hand."""
+        for point, yaws in self._locations():
+            if self._is_near_failure(point):
+                continue
+            if self.deadline.is_over or len(self.failed) >= _FAILURES:
+                return
+            yield from self._put_down_at(point, yaws)
+        hollow = self._hollow()
+        if hollow is not None and len(self._drops) == 1:
+            yield from self._let_fall(hollow)
+
+    def _locations(self) -> Iterator[tuple[Array, Yaws]]:
+        """Locations (2,) [m] to try, with the yaws of the object there.
+
+        The farthest row comes first. If half of the tries fail under a shelf, the reachable depth is measured, and the
+        deepest reachable row comes next. So no object blocks the locations behind it.
+        """
+        for point, yaws in self._farthest_first():
+            if self._is_covered and len(self.failed) >= _FAILURES // 2:
+                yield from self._deepest_first()
+                return
+            yield point, yaws
+
+    def _farthest_first(self) -> Iterator[tuple[Array, Yaws]]:
+        """Locations that keep room for the others, those with most of the object on the face first."""
+        fits = zip(self._feet, (PITCH, PITCH, NARROW), strict=False)
+        found = itertools.chain.from_iterable(self._with_foot(foot, pitch) for foot, pitch in fits)
+        if len(self._drops) > 1 or (self.place.hollow is not None and not self.others):
+            # Walls are farthest from the middle.
+            return iter(sorted(found, key=lambda one: math.dist(one[0], self._middle)))
+        return found
+
+    def _with_foot(self, foot: float, pitch: float) -> Iterator[tuple[Array, Yaws]]:
+        """Locations at which a circle of radius `foot` [m] lies on the face, `pitch` [m] apart."""
+        is_allowed = partial(self._is_allowed, foot=foot)
+        return locations_in(
+            self.scene, self._body, self.place, self.leaving, self.others, is_allowed, pitch, self._is_near_failure
+        )
+
+    def _deepest_first(self) -> list[tuple[Array, Yaws]]:
+        """Locations within the reachable depth. The deepest row comes first, and each row from its middle.
+
+        The sides are the worst, since walls are there. Rows keep room for the others.
+        """
+        inwards, depth = self.search.depth(self.world, self.place)
+        across = np.array([-inwards[1], inwards[0]])
+
+        def order(one: tuple[Array, Yaws]) -> tuple[int, float]:
+            return -round(float(inwards @ one[0]) / _ROW), round(
+                abs(float(across @ (one[0] - self._middle))), _DECIMALS
+            )
+
+        every = locations_in(self.scene, self._body, self.place, self.leaving, (), self._is_allowed)
+        return sorted((one for one in every if inwards @ one[0] < depth + _ROW / 2), key=order)
+
+    def _put_down_at(self, point: Array, yaws: Yaws) -> Iterator[Placement]:
+        """Placements at a location (2,) [m] from the lowest height that has any. A location without one has failed."""
+        has_room = self._is_covered
+        for drop in self._drops:
+            location, has_any = np.array([*point, self.place.face.top + drop]), False
+            free = self._free_at(location, yaws)
+            has_room |= len(free) > 0
+            for found in self._released_at(location, free, drop):
+                has_any = True
+                yield found
+            if has_any:
+                return
+        if has_room:
+            self.failed.append(point)
+
+    def _let_fall(self, hollow: Hollow) -> Iterator[Placement]:
+        """Find placements from which the held object falls into a container, the shortest fall and the middle first.
+
+        They serve where the hand does not fit between the walls at the bottom. The object's lowest point starts below
+        the rim. If others come later, locations that leave room for them come before the middle.
+        """
+        middle, points = np.array(hollow.area.centre), list[tuple[Array, Yaws]]()
+        inside = locations_in(self.world.scene, self._body, self.place, self.leaving, self.others, self._is_allowed)
+        if not self.others:
+            inside = iter(sorted(inside, key=lambda one: (len(one[1]) > 1, math.dist(one[0], middle))))
+        for point, yaws in inside:
+            known = [other for other, how in points if how == yaws]
+            if len(known) < _LOCATIONS_OF_FALLS and all(math.dist(point, one) > _BETWEEN_FALLS for one in known):
+                points.append((point, yaws))
+        for drop in (one for one in FALLS if one < hollow.depth):
+            for point, yaws in points:
+                if self.deadline.is_over:
+                    return
+                location = np.array([*point, self.place.face.top + drop])
+                yield from self._released_at(location, self._free_at(location, yaws), drop)
+
+    def _released_at(self, location: Array, free: Array, drop: float) -> Iterator[Placement]:
+        """Placements by gripper poses (k, 5) at a location (3,) [m], from which the object falls by `drop` [m]."""
+        for found in self.search._held_at(self.world, location, free):
+            yield replace(found, body=found.body.lowered(drop), drop=drop)
+
+    def _is_allowed(self, points: Array, foot: float | None = None) -> NDArray[np.bool_]:
+        """Whether an object at points (n, 2) stands on the face, clear of grasps and reserved regions: (n,).
+
+        A circle of radius `foot` [m] must lie on the face, by default the last of `_feet`.
+        """
+        foot, radius = self._feet[-1] if foot is None else foot, _radius(self.scene)
+        free = self.place.face.is_under(points[:, None] + foot * _RIM).all(axis=1)
+        for surface in self.surfaces if self.keep_clear.grasps else ():
+            free &= is_free(surface.grid, surface.region.mask, points, radius)
+        for region in self.keep_clear.reserved:
+            if region.support == self.place.face.name:
+                free &= ~region.touches_disc(points, radius)
+        return np.asarray(free)
+
+    def _is_near_failure(self, point: Array) -> bool:
+        return any(math.dist(point, other) < _NEAR_FAILURE for other in self.failed)
+
+    @cached_property
+    def _feet(self) -> tuple[float, ...]:
+        """Radii [m] of the part of the object that must lie on the face, in the order of the tries.
+
+        In an area it is the circle inside the object, at a pose just enough to keep it from tipping over the edge.
+        """
+        area, face = self.place.area, self.place.face
+        # In a container, the walls hold an object that would tip over the edge of a small floor.
+        if area is None or self.place.hollow is not None:
+            return (_TIPS,)
+        inside = inner_radius(self._body)
+        if area.name != face.name and not face.is_under(area.corners).all():
+            # The area reaches over the edge, so the object may too.
+            return inside - EDGE, max(_TIPS, inside / 2), _TIPS
+        return (inside - EDGE,)
+
+    @cached_property
+    def _drops(self) -> tuple[float, ...]:
+        """Heights [m] that the object may fall at each location."""
+        area = self.place.area
+        return (0.0,) if area is None or not area.drop else (0.0, area.drop)
+
+    @cached_property
+    def _is_covered(self) -> bool:
+        return is_under_shelf(self.scene, self.place)
+
+    @cached_property
+    def _middle(self) -> Array:
+        return np.array((0.0, 0.0) if self.place.area is None else self.place.area.centre)
+
+    @cached_property
+    def _free_at(self) -> Callable[[Array, Sequence[float | None]], Array]:
+        return _free_poses(self.world)
+
+    @cached_property
+    def _body(self) -> Body:
+        return in_hand(self.scene)[1]
+
+    def _hollow(self) -> Hollow | None:
+        """The container that the place is in, if any."""
+        if self.place.hollow or self.place.area is None or self.place.below:
+            return self.place.hollow
+        return hollow_about(self.scene, self.place.face)
 
 
 def _radius(scene: Scene) -> float:

@@ -351,8 +351,8 @@ class SearchExpert:
         self._decisions.start_over()
         if executor.deviation is not None:
             self.report.deviations.append(str(executor.deviation))
-        if executor.opening:
-            self._knowledge.opened_in_part(executor.opening)
+        if executor.stop is not None:
+            self._knowledge.opened_in_part(*executor.stop)
         return then(executor.deviation is None)
 
     def _look(self, names: Sequence[str]) -> Steps:

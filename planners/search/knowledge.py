@@ -97,10 +97,10 @@ class Knowledge:
         self.held = sensor.held
         self._move({body.name: body for body in sensor.bodies if body.name in sensor.brought})
 
-    def opened_in_part(self, name: str) -> None:
-        """Note that a part was not moved as far as planned. A second stop at the same place becomes its end."""
+    def opened_in_part(self, name: str, position: float) -> None:
+        """Note where a part stopped that was not moved as far as planned. A second stop there becomes its end."""
         self._ride()
-        self._stops.note(self.empty.opening(name))
+        self._stops.note(self.empty.opening(name), position)
         self.empty = self._stops.applied(self.empty)
 
     def carry(self) -> None:

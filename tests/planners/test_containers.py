@@ -77,6 +77,15 @@ def test_three_things_find_room_in_one_basket() -> None:
     assert carried_out(world, whole).picks == 3
 
 
+def test_two_things_that_fall_into_a_narrow_basket_leave_room_for_each_other() -> None:
+    """The first of LIBERO's two cans fell into the middle of the basket, and the second found no room beside it."""
+    second = f'<body name="second" pos="0.9 -0.1 {TABLE + 0.0381}"><freejoint/>{LOW_CAN}</body>'
+    walls, names, panda = box_walls(0.13, 0.142, 0.12, 0.007), ("thing", "second"), assets.robot("panda_mobile")
+    world = container_world(walls, free=True, object_=LOW_CAN, half=0.038, more=second, movable=names, robot=panda)
+    both = goals.inside("thing", "basket") & goals.inside("second", "basket")
+    assert carried_out(world, both).picks == 2
+
+
 def test_what_is_in_a_basket_leaves_it_before_the_basket_is_moved_and_comes_back() -> None:
     world = container_world(round_walls(0.06, 0.05, 0.0), free=True, object_=SMALL, half=0.03)
     start = world.scene()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium as gym
@@ -14,10 +16,12 @@ from PIL import Image
 from clutter_env.cli.main import main
 from clutter_env.errors import LearningError
 from clutter_env.evaluation import question_files
+from clutter_env.evaluation.question_balance import COMMON, Asked, balanced
 from clutter_env.evaluation.question_files import QUESTIONS, SCENES, asked, read_lines, scenes
-from clutter_env.evaluation.question_scores import BASELINES, COMMONEST, answered, scored
-from clutter_env.evaluation.questions import DIRECTIONS, DRIVES, KINDS, OF_GRASPS, SIDES, Asker, Question
+from clutter_env.evaluation.question_scores import BASELINES, COMMONEST, LEARNED, answered, scored
+from clutter_env.evaluation.questions import DIRECTIONS, DRIVES, KINDS, OF_GRASPS, SIDES, Answer, Asker, Question
 from scripts.check_questions import Checker
+from scripts.sampled_grasps import SampledChecker
 
 FIRST = 40_000_000
 
@@ -27,7 +31,7 @@ def wrong_of(objects: int, count: int) -> tuple[list[tuple[Question, object]], s
     wrong, kinds = [], set[str]()
     for kind, seed in scenes(objects, count, FIRST):
         with closing(gym.make(kind.env_id, **kind.keywords)) as env:
-            scene, _, questions, _ = asked(env, seed, Asker())
+            scene, _, questions, _ = asked(env, kind, seed, Asker())
             wrong += [*Checker(env).wrong(scene, questions)]
             kinds |= {question.kind for question in questions}
     return wrong, kinds
@@ -47,10 +51,72 @@ def test_an_exhaustive_check_agrees_with_every_kind_of_answer() -> None:
     assert kinds == set(KINDS)
 
 
+@pytest.mark.slow
+def test_grasps_that_are_sampled_in_mujoco_agree_with_every_answer() -> None:
+    for kind, seed in scenes(6, 4, FIRST):
+        with closing(gym.make(kind.env_id, **kind.keywords)) as env:
+            scene, _, questions, _ = asked(env, kind, seed, Asker())
+            assert [*SampledChecker(env).wrong(scene, questions)] == []
+
+
+def test_sampled_grasps_find_wrong_answers() -> None:
+    (kind, seed), _ = scenes(3, 2, FIRST)
+    with closing(gym.make(kind.env_id, **kind.keywords)) as env:
+        scene, _, questions, _ = asked(env, kind, seed, Asker())
+        free = [one for one in questions if one.kind == "taken now" and one.answer]
+        turned = [replace(one, answer=False) for one in free]
+        assert [found for _, found in SampledChecker(env).wrong(scene, turned)] == [True] * len(turned) != []
+
+
+def test_the_colour_of_an_object_does_not_say_whether_it_can_be_taken() -> None:
+    """Before questions were balanced, 64 of 70 answers followed from the target's colour."""
+    about = list[Asked]()
+    asker, envs = Asker(), {kind.env_id: gym.make(kind.env_id, **kind.keywords) for kind, _ in scenes(6, 5, FIRST)}
+    for kind, seed in scenes(6, 60, FIRST):
+        if not kind.env_id.startswith("clutter_env/Retrieve"):
+            continue
+        _, target, questions, _ = asked(envs[kind.env_id], kind, seed, asker)
+        about += [Asked(one, one.about == target) for one in questions]
+    for env in envs.values():
+        env.close()
+    kept = [about[index] for index in balanced(about, np.random.default_rng(0))]
+    for is_target in (True, False):
+        answers = [one.question.answer for one in kept if one.group == ("taken now", is_target)]
+        assert answers.count(True) == answers.count(False) > 5
+
+
+def test_the_commonest_answers_of_a_kind_are_equally_common() -> None:
+    answers: list[Answer] = [(), (), (), (), ("a",), ("b",), ("a",), ("a", "b"), ("b", "c"), ("a", "b", "c")]
+    asked_of = [Asked(Question("touched", "d", "?", answer), True) for answer in answers]
+    kept = [asked_of[index] for index in balanced(asked_of, np.random.default_rng(0))]
+    assert Counter(one.answer for one in kept) == {0: 2, 1: 2, 2: 2, 3: 1}
+    assert balanced([one for one in asked_of if one.answer != 0 and one.answer != 3], np.random.default_rng(0)) == []
+    of_others = [replace(one, is_target=False) for one in asked_of[:4]]
+    assert len(balanced([*asked_of, *of_others], np.random.default_rng(0))) == len(kept)
+    assert set(COMMON) == set(KINDS)
+
+
+def test_rules_learn_from_the_other_half_of_the_scenes() -> None:
+    """The red object is the one that cannot be taken; what stands at the left can."""
+    objects = [
+        {"name": "a", "position": (0.0, -0.4, 0.8), "half_extents": (0.03, 0.03, 0.1), "colour": (1.0, 0.0, 0.0)},
+        {"name": "b", "position": (0.0, 0.4, 0.8), "half_extents": (0.03, 0.03, 0.1), "colour": (0.0, 1.0, 0.0)},
+    ]
+    placed = [{"scene": str(index), "objects": objects} for index in range(10)]
+    asked_of = [
+        {**_question(f"{scene}{name}", name == "b"), "kind": "taken now", "scene": str(scene), "about": name}
+        for scene in range(10)
+        for name in ("a", "b")
+    ]
+    for rule in LEARNED:
+        assert scored(asked_of, answered(rule, asked_of, placed))["all"].mean == 1.0
+        assert answered(rule, asked_of[:10], placed) == {}
+
+
 def test_the_check_finds_wrong_answers() -> None:
     ((kind, seed),) = scenes(4, 1, FIRST)
     with closing(gym.make(kind.env_id, **kind.keywords)) as env:
-        scene, target, questions, _ = asked(env, seed, Asker())
+        scene, target, questions, _ = asked(env, kind, seed, Asker())
         turned = [
             Question(one.kind, one.about, one.text, not one.answer if isinstance(one.answer, bool) else ("nothing",))
             for one in questions
@@ -69,7 +135,7 @@ def test_the_text_does_not_depend_on_where_the_robot_stands_and_looks() -> None:
     """The robot looks up to 27° past the table: bars along its gaze would touch other objects in a fifth of scenes."""
     for kind, seed in scenes(6, 4, FIRST):
         with closing(gym.make(kind.env_id, **kind.keywords)) as env:
-            for question in asked(env, seed, Asker())[2]:
+            for question in asked(env, kind, seed, Asker())[2]:
                 assert "own direction" not in question.text
                 assert "away from the robot" not in question.text
                 assert (DRIVES in question.text) is (question.kind in OF_GRASPS)
@@ -82,7 +148,7 @@ def test_nothing_is_asked_about_grasps_where_an_object_is_hidden(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(question_files, "_hidden", lambda masks, _: {min(masks)})
-    question_files.write_questions(tmp_path, 6, 4, FIRST, 64)
+    question_files.write_questions(tmp_path, 6, 10, FIRST, 64)
     asked_of = read_lines(tmp_path / QUESTIONS, ("kind", "about"))
     assert asked_of
     assert not {one["kind"] for one in asked_of} & set(OF_GRASPS)
@@ -98,11 +164,11 @@ def test_the_commonest_answer_is_what_can_be_won_without_looking() -> None:
 def test_files_say_what_was_asked_and_simple_rules_are_scored(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    chosen = {"scenes": 5, "image-size": 64, "out": tmp_path, "first-seed": FIRST}
+    chosen = {"scenes": 20, "image-size": 128, "out": tmp_path, "first-seed": FIRST}
     main(["questions", "make", *(f"--{name}={value}" for name, value in chosen.items())])
     questions = read_lines(tmp_path / QUESTIONS, ("id", "text"))
     placed = {line["scene"]: line for line in read_lines(tmp_path / SCENES, ("objects",))}
-    assert len(placed) == 5
+    assert len(placed) == 20
     for question in questions:
         names = [one["name"] for one in placed[question["scene"]]["objects"]]
         assert question["about"] in names
@@ -110,7 +176,7 @@ def test_files_say_what_was_asked_and_simple_rules_are_scored(
         shown = []
         for files in question["images"].values():
             masks, colours = (np.array(Image.open(tmp_path / files[part])) for part in ("segmentation", "rgb"))
-            assert (masks.shape, colours.shape) == ((64, 64), (64, 64, 3))
+            assert (masks.shape, colours.shape) == ((128, 128), (128, 128, 3))
             shown += masks.ravel().tolist()
         answer = question["answer"] if question["kind"] in ("which", "touched", "falls") else []
         assert {question["mask_values"][name] for name in (question["about"], *answer)} <= {*shown}
@@ -124,7 +190,9 @@ def test_files_say_what_was_asked_and_simple_rules_are_scored(
     assert "nearest-first" in capsys.readouterr().out
     with pytest.raises(SystemExit, match="name --answers, or --baselines"):
         main(words[:3])
-    with pytest.raises(SystemExit, match="valid values: 'commonest', 'random', 'nearest-first', 'shadow'"):
+    with pytest.raises(
+        SystemExit, match="valid values: 'commonest', 'colour', 'place', 'random', 'nearest-first', 'shadow'"
+    ):
         main([*words[:3], "--baselines", "best"])
 
 

@@ -28,16 +28,18 @@ class ClutterEnv(EnvConfig):
     """An environment of this package as LeRobot configures it.
 
     Attributes:
-        env_id, observations: see `clutter_env.bridges.hub.make_one`.
+        env_id, observations, suite, language: see `clutter_env.bridges.hub.make_one`.
         keywords: of the environment, as in --env.keywords='{"control_mode": "ee"}'.
     """
 
     env_id: str = ENV_ID
     observations: str = "environment_state"
+    suite: str = ""
+    language: bool = False
     keywords: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        with closing(make_one(self.env_id, self.observations, **self.keywords)) as env:
+        with closing(make_one(self.env_id, self.observations, self.suite, self.language, **self.keywords)) as env:
             self.task, self.fps = env.get_wrapper_attr("task"), int(env.metadata["render_fps"])
             assert isinstance(env.observation_space, spaces.Dict)
             parts = {"action": env.action_space, **env.observation_space.spaces}
@@ -62,4 +64,5 @@ class ClutterEnv(EnvConfig):
     @property
     def gym_kwargs(self) -> dict[str, Any]:
         """The arguments of `make_one`; LeRobot films its first episodes."""
-        return {"env_id": self.env_id, "observations": self.observations, "render_mode": "rgb_array", **self.keywords}
+        chosen = {name: getattr(self, name) for name in ("env_id", "observations", "suite", "language")}
+        return {**chosen, "render_mode": "rgb_array", **self.keywords}

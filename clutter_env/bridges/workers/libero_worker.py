@@ -16,6 +16,8 @@ from robosuite.utils.transform_utils import quat2axisangle
 
 _STILL = [0.0] * 6 + [-1.0]
 """The action that LIBERO's evaluations take while objects come to rest: the gripper opens, the arm stays."""
+_SLOW, _TURNING, _FALLING = 0.02, 0.2, 5.0
+"""[m/s], [rad/s] and [m/s²] of an object that is not at rest; one that has bounced is slow for a moment, but falls."""
 
 
 class Worker:
@@ -51,8 +53,13 @@ class Worker:
         return self.state()
 
     def state(self) -> dict[str, Any]:
-        """Joint positions, and what LIBERO says: whether its goal is reached."""
-        return {"qpos": self.env.sim.data.qpos.tolist(), "is_success": bool(self.env.check_success()), "done": False}
+        """Joint positions, whether an object falls or topples, and what LIBERO says: whether its goal is reached."""
+        return {
+            "qpos": self.env.sim.data.qpos.tolist(),
+            "is_moving": _is_moving(self.env.sim),
+            "is_success": bool(self.env.check_success()),
+            "done": False,
+        }
 
     def _make(self, file: str) -> None:
         """An environment of a BDDL file; it does not end by itself, and a file's environment is kept."""
@@ -171,6 +178,17 @@ def _settle(env: Any, steps: int) -> None:
     """Let objects come to rest."""
     for _ in range(steps):
         env.step(np.array(_STILL))
+
+
+def _is_moving(sim: Any) -> bool:
+    """Whether a free body is not at rest."""
+    for joint in np.flatnonzero(sim.model.jnt_type == 0):
+        first = sim.model.jnt_dofadr[joint]
+        velocity, acceleration = sim.data.qvel[first : first + 6], sim.data.qacc[first : first + 3]
+        speed, turning, falling = map(np.linalg.norm, (velocity[:3], velocity[3:], acceleration))
+        if speed > _SLOW or turning > _TURNING or falling > _FALLING:
+            return True
+    return False
 
 
 def _suite(name: str) -> Any:

@@ -10,7 +10,8 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode
 
 import clutter_env
 from clutter_env.bridges.hub import OBSERVATIONS, make_env, make_one
-from clutter_env.errors import ConfigError, UnknownTask
+from clutter_env.errors import ConfigError, OptionError, UnknownTask
+from clutter_env.suites import suite
 
 assert clutter_env  # registers the environments
 
@@ -31,6 +32,24 @@ def test_observations_have_the_hub_s_keys_and_episodes_end_with_their_result() -
         assert truncated.tolist() == [step == 3] * 2
     assert infos["final_info"]["is_success"].tolist() == [False, False]
     assert not np.array_equal(observations["environment_state"], before["environment_state"]), "a new scene"
+    vector.close()
+
+
+def test_scenes_of_a_suite_are_named_by_their_seeds_and_said_in_words() -> None:
+    scenes = suite("side-15-v3").test
+    env = make_one(suite="side-15-v3", language=True)
+    for seed, number in ((0, 0), (101, 1), (None, 2)):
+        _, info = env.reset(seed=seed)
+        assert info["target"] == scenes[number].target
+        assert env.get_wrapper_attr("task_description") == f"Pick up the {info['target'].replace('_', ' ')}."
+        assert env.get_wrapper_attr("_max_episode_steps") == scenes[number].max_steps
+    with pytest.raises(OptionError, match="without options"):
+        env.reset(options={"target": "object_00"})
+    env.close()
+    vector = make_env(2, cfg={"suite": "side-15-v3", "language": True, "env_id": "side-15-v3"})["side-15-v3"][0]
+    vector.reset(seed=[0, 1])
+    said = [f"Pick up the {scene.target.replace('_', ' ')}." for scene in scenes[:2]]
+    assert list(vector.call("task_description")) == said
     vector.close()
 
 

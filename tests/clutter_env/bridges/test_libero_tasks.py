@@ -57,15 +57,21 @@ KITCHEN = f"""
       <joint name="stove_1_button" type="hinge" axis="0 0 1" range="-0.005 2.1" damping="1"/>
       <geom name="stove_1_knob" type="box" size="0.012 0.03 0.02" pos="0 0 0.02" mass="0.1"/></body>
   </body>
+  <body name="rack_1_main" pos="0.35 -0.4 {TOP}">
+    <geom name="rack_1_sheet" type="box" size="0.1 0.08 0.004" pos="0 0 0.1" euler="0.5 0 0"/>
+    <geom name="rack_1_foot" type="box" size="0.1 0.08 0.004" pos="0 0 0.004"/>
+    <site name="rack_1_top_region" type="box" size="0.1 0.05 0.002" pos="0 0.02 0.12" euler="0.5 0 0"/>
+  </body>
 </worldbody></mujoco>"""
 
-ROOTS = {name: f"{name}_main" for name in ("can_1", "box_1", "basket_1", "cabinet_1", "stove_1")}
+ROOTS = {name: f"{name}_main" for name in ("can_1", "box_1", "basket_1", "cabinet_1", "stove_1", "rack_1")}
 SITES = {
     "table_right_region": (None, []),
     "basket_1_contain_region": ("basket_1", []),
     "cabinet_1_top_side": ("cabinet_1", []),
     "cabinet_1_top_region": ("cabinet_1", ["cabinet_1_level"]),
     "stove_1_cook_region": ("stove_1", []),
+    "rack_1_top_region": ("rack_1", []),
 }
 RANGES = {
     "cabinet_1": {"default_open_ranges": [-0.16, -0.14], "default_close_ranges": [0.0, 0.005]},
@@ -114,10 +120,28 @@ class Recorded:
             },
             "qpos": qpos.tolist(),
             "is_success": False,
+            "is_moving": False,
             "done": False,
         }
 
     def __call__(self, *_: Any, **__: Any) -> dict[str, Any]:
+        return self.start
+
+
+class Falling(Recorded):
+    """A world in which the can falls onto the table within some steps."""
+
+    def __init__(self, steps: int, *facts: tuple[str, ...]) -> None:
+        super().__init__(*facts)
+        self._left, self._height = steps, self.start["joints"]["can_1_joint0"] + 2
+        self.start["qpos"][self._height] += 0.02 * steps
+        self.start["is_moving"] = True
+
+    def __call__(self, call: str, **_: Any) -> dict[str, Any]:
+        if call == "step" and self._left:
+            self._left -= 1
+            self.start["qpos"][self._height] -= 0.02
+            self.start["is_moving"] = self._left > 0
         return self.start
 
 
@@ -177,6 +201,22 @@ def test_a_fact_that_is_not_known_is_told() -> None:
         task(("on", "cup_1", "box_1"))
     with pytest.raises(BridgeError, match="'can_1' has nothing that opens"):
         task(("open", "can_1"))
+
+
+def test_the_slant_of_a_region_without_a_level_face_is_told() -> None:
+    with pytest.raises(BridgeError, match="under the region 'rack_1_top_region': rack_1_sheet slants by 29 degrees"):
+        task(("on", "can_1", "rack_1_top_region"))
+
+
+def test_a_plan_begins_when_all_is_at_rest() -> None:
+    """LIBERO's objects fall from up to 1.2 m into their places, which takes longer than the ten steps before."""
+    goal = ("on", "can_1", "box_1")
+    one = LiberoTask(cast(Remote, Falling(12, goal)), "libero_goal", 3)
+    assert one.world.data.body("can_1_main").xpos[2] == pytest.approx(TOP + 0.0401)
+    assert (one.steps, len(one.actions)) == (12, 12)
+    assert task(goal).steps == 0
+    with_end = LiberoTask(cast(Remote, Falling(1000, goal)), "libero_goal", 3)
+    assert with_end.steps == libero_tasks.LONGEST_WAIT
 
 
 def test_what_has_no_part_in_the_goal_does_not_open() -> None:

@@ -216,9 +216,9 @@ def test_a_drawer_that_stops_twice_in_the_same_place_ends_there() -> None:
     expert, observation = begun()
     known = expert._knowledge
     known.observe(with_joints(observation, 0.1, 0.0, 0.0))
-    known.opened_in_part("left_drawer")
+    known.opened_in_part("left_drawer", 0.1)
     assert known.empty.opening("left_drawer").share == pytest.approx(1 / 3)
-    known.opened_in_part("left_drawer")
+    known.opened_in_part("left_drawer", 0.1)
     assert known.scene().opening("left_drawer").share == pytest.approx(1.0)
     known.observe(with_joints(observation, 0.05, 0.0, 0.0))
     known.look()

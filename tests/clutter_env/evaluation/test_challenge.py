@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import json
+import pickle
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from clutter_env.cli.main import main
 from clutter_env.errors import LearningError, SuiteError
-from clutter_env.evaluation import challenge as challenges
+from clutter_env.evaluation import challenge as challenges, policy_process
 from clutter_env.evaluation.challenge import Challenge, Checked, Ledger, check, draw, new_challenge, play, register
 from clutter_env.evaluation.evaluate import evaluate
 from clutter_env.evaluation.policy_process import PolicyProcess
 from clutter_env.evaluation.scenes import SceneSet
-from clutter_env.evaluation.score import PolicyCrashed
+from clutter_env.evaluation.score import PolicyCrashed, play_scene
 from clutter_env.evaluation.tables import results
 from clutter_env.reporting.files import write_json
 from clutter_env.suites import content_digest, suite
 
 SUITE = "drawer-5-v1"
+QUICK = "all-25-v3"
+"""Of whose kind every scene qualifies, so that a draw takes a second."""
 SHIPPED = Path(__file__).parents[3] / "results" / f"{SUITE}_lookahead-all.json.xz"
 POLICIES = '''
 import json, lzma
@@ -67,6 +71,14 @@ class GivesUpOnce(Idle):
 class Plans(Idle):
     def __init__(self):
         import planners
+
+class Looks(Idle):
+    """Of the privileged track: it reads its own environment."""
+    is_privileged = True
+    def reset(self, info, env): self.size, self.done = env.action_space.shape, False
+    def act(self, observation):
+        self.done = True
+        return np.zeros(self.size, np.float32)
 
 class AlwaysFails(Idle):
     def act(self, observation):
@@ -174,6 +186,25 @@ def test_who_draws_twice_is_counted_twice_and_plays_once() -> None:
     Path("mine.py").write_text(f"{POLICIES}\n# better\n")
     challenge, *_ = drawn("mine:Idle")
     assert Ledger(ledger).entries_before(challenge.entry) == 1
+
+
+def test_of_two_challenges_under_one_name_the_one_that_was_played_first_ranks(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Otherwise whoever makes the leaderboard gives the better of them."""
+    ledger = Path("ledger.jsonl")
+    for number in (1, 2):
+        new_challenge(register("mine:Idle", QUICK, number), ledger, Path(f"c{number}.json"))
+    for number in (2, 1):
+        write_json(Path(f"r{number}.json"), results(play(Path(f"c{number}.json"), ledger)))
+    assert Ledger(ledger).first_started("mine:Idle", QUICK) == challenges.read_challenge(Path("c2.json")).commitment
+    assert Ledger(ledger).first_started("mine:Idle", "side-15-v3") is None
+    main(["leaderboard", "r1.json", "r2.json", "--workers=1", f"--ledger={ledger}", "--json=entries.json"])
+    found = {entry["file"]: entry["is_measured"] for entry in json.loads(Path("entries.json").read_text())}
+    assert found == {"r1.json": False, "r2.json": True}
+    capsys.readouterr()
+    main(["leaderboard", "r1.json", "--workers=1", f"--ledger={ledger}"])
+    assert "None." in capsys.readouterr().out.split("## Claimed")[0]
 
 
 @pytest.mark.slow
@@ -301,6 +332,33 @@ def test_results_on_an_own_file_of_scenes_are_claimed() -> None:
     main(["leaderboard", "r.json", "--workers=1", f"--ledger={ledger}", "--json=entries.json"])
     (entry,) = json.loads(Path("entries.json").read_text())
     assert (entry["problem"], entry["is_measured"]) == ("", False)
+
+
+@pytest.mark.parametrize("policy", ["mine:Idle", "mine:Looks"])
+def test_the_policys_process_is_told_neither_the_challenges_file_nor_other_scenes(
+    policy: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = Path("c.json")
+    challenge = new_challenge(register(policy, QUICK, 2), Path("ledger.jsonl"), file)
+    sent = list[bytes]()
+    send = policy_process._send
+
+    def noting(stream: Any, content: bytes) -> None:
+        sent.append(content)
+        send(stream, content)
+
+    monkeypatch.setattr(policy_process, "_send", noting)
+    process = PolicyProcess(policy, 0, "oracle")
+    scenes = SceneSet(str(file.absolute()))
+    if policy == "mine:Looks":
+        process.play(scenes.scenes[0])
+    else:
+        play_scene(scenes.scenes[0], scenes.scenes[0].make(), process)
+    process.close()
+    told = b"".join(sent)
+    assert b"c.json" not in told
+    assert challenge.nonce.encode() not in told
+    assert not any(pickle.dumps(scene.seed)[2:-1] in told for scene in scenes.scenes[1:])
 
 
 def test_a_planner_that_was_not_declared_is_refused() -> None:

@@ -115,7 +115,7 @@ def cupboard_world(
     return _world(f"{cabinet}{door}{free}", robot, [*cans], supports, {"door_joint": angle}, base)
 
 
-def latched_world(robot: RobotSpec = FETCH) -> World:
+def latched_world(robot: RobotSpec = FETCH, *, stiffness: float = 0.3) -> World:
     """A door with a lever, whose bolt is behind a post: it opens when the lever has been turned."""
     z = 0.9
     door = f"""
@@ -124,7 +124,8 @@ def latched_world(robot: RobotSpec = FETCH) -> World:
         <joint name="door_joint" type="hinge" axis="0 0 -1" range="0 1.65" damping="1" frictionloss="0.5"/>
         <geom name="door_panel" type="box" size="0.01 0.235 0.17" pos="0 -0.245 0" mass="1.5"/>
         <body name="lever" pos="0 -0.42 0">
-          <joint name="lever_joint" type="hinge" axis="1 0 0" range="-1.5 1.5" damping="0.05" stiffness="0.3"/>
+          <joint name="lever_joint" type="hinge" axis="1 0 0" range="-1.5 1.5" damping="0.05"
+            stiffness="{stiffness}"/>
           <geom name="axle" type="box" size="0.035 0.008 0.008" pos="-0.045 0 0" mass="0.05"/>
           <geom name="lever_handle" type="box" size="0.01 0.06 0.01" pos="-0.08 0.06 0" mass="0.05"
             friction="1.5 0.01 0.001"/>

@@ -42,3 +42,12 @@ def test_a_latched_door_is_opened_by_one_hand() -> None:
     assert plan.actions[-1].scene.pull is not None
     assert plan.actions[-1].scene.pull.lever == "lever"
     assert scene.opening("door").share > 0.75
+
+
+def test_a_lever_is_let_back_before_the_hand_leaves_it() -> None:
+    # A spring of 3 N m/rad would turn it against the open fingers, and they would push the door shut.
+    plan, scene = done(latched_world(stiffness=3.0), goals.open_("door"))
+    pull = plan.actions[-1].scene.pull
+    assert pull is not None
+    assert scene.opening("door").position == pytest.approx(pull.position, abs=0.02)
+    assert scene.opening("lever").position == pytest.approx(0.0, abs=0.05)
