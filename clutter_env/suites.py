@@ -40,7 +40,8 @@ class Floor:
 
     Attributes:
         count: number of clearances, None if no plan exists.
-        is_proved: `count` is exact. Otherwise it is an upper bound.
+        is_proved: `count` is exact for the grasps and base poses that the planner sampled then. Otherwise it is an
+            upper bound.
         cause: the reason if no plan exists, else "".
     """
 

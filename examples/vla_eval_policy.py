@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import vla_eval
 
-from clutter_env.bridges.for_vla_eval import PackagePolicy
+from clutter_env.policies.vla_eval_server import PackagePolicy
 
 SUITE = "side-15-v3"
 BENCHMARK = {

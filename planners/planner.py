@@ -116,7 +116,8 @@ def _with_true_cause(scene: Scene, taken: tuple[str, ...], found: Solution | Inf
 def lower_bound(scene: Scene, goal: str | Goal, expansions: int = MAX_EXPANSIONS, *, grasps: str = "all") -> LowerBound:
     """Find the lower bound of the picks of any plan for a goal, for one grasp set, with repeated picks included.
 
-    It holds for the grasps of that set, and for the base poses and arm configurations of all strategies.
+    It holds for the grasps of that set, and for the base poses and arm configurations that all strategies sample first.
+    With others a plan can have fewer picks.
 
     Args:
         scene: as for `solve`.
@@ -137,9 +138,10 @@ def clearance_floor(
 ) -> ClearanceFloor:
     """Find the exact minimum number of objects that any plan must clear before it can take `target`, for one grasp set.
 
-    It is exact for the grasps of that set, and for the base poses and arm configurations of all strategies. It holds
-    for every path to them: only objects in collision at the final grasp configuration are included. Under a shelf, the
-    base drives straight in and out, and objects in the way of this drive are included too.
+    It is exact for the grasps of that set, and for the base poses and arm configurations that all strategies sample
+    first. With others a plan can clear fewer: docs/audit.md has such a scene. It holds for every path to them: only
+    objects in collision at the final grasp configuration are included. Under a shelf, the base drives straight in and
+    out, and objects in the way of this drive are included too.
 
     Args:
         scene: as for `solve`.

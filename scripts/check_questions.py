@@ -198,7 +198,7 @@ def main(scenes: int = 700, objects: int = 6, first_seed: int = 20_000_000, samp
             spent["asked"] += time.process_time() - started
             started = time.process_time()
             found.update(question.kind for question in questions)
-            every += [Asked(question, question.about == target) for question in questions]
+            every += [Asked(one, one.about == target, scene.body(one.about).position) for one in questions]
             for question, answer in checker.wrong(scene, questions):
                 wrong[question.kind] += 1
                 print(f"{kind.env_id}, seed {seed}: {question.text} {question.answer}, and by the check {answer}")
@@ -207,7 +207,7 @@ def main(scenes: int = 700, objects: int = 6, first_seed: int = 20_000_000, samp
     rows = [[kind, str(number), str(wrong[kind])] for kind, number in found.items()]
     print(markdown_table(["kind", "questions", "wrong"], [*rows, ["all", str(found.total()), str(wrong.total())]]))
     kept = len(balanced(every, np.random.default_rng(first_seed)))
-    print(f"{kept} of them are asked, so that colour and kind do not give the answer away")
+    print(f"{kept} of them are asked, so that colour, place and kind do not give the answer away")
     print(", ".join(f"{name} in {seconds / scenes:.3f} CPU s a scene" for name, seconds in spent.items()))
     return 1 if wrong else 0
 

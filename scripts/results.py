@@ -64,9 +64,7 @@ ROWS = (
         Result(name, "lookahead-all")
         for name in ("drawer-5-v1", "cupboard-5-v1", "fridge-10-v1", "blocked-drawer-5-v1")
     ),
-    Result("side-15-v3", "keyframes"),
-    Result("side-15-v3", "greedy"),
-    Result("deep-15-v2", "keyframes"),
+    *(Result("side-15-v3", name) for name in ("keyframes", "greedy")),
 )
 """The results of the repository."""
 

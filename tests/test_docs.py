@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 import json
 import os
 import pkgutil
@@ -27,6 +27,7 @@ from clutter_env.envs.reward import EVENT_SCALES, POTENTIAL_SCALES
 from clutter_env.scene.layout import LAYOUTS, Layout
 from clutter_env.scene.object_sets import SHAPE_SETS, capacity
 from planners import STRATEGIES, Cause, Solution
+from scripts.site_search import BOOSTS, boost_of
 from tests.planners.own_scenes import deepest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -34,6 +35,8 @@ DOCS = ROOT / "docs"
 PAGES = {str(path.relative_to(ROOT)): path.read_text() for path in (ROOT / "README.md", *sorted(DOCS.rglob("*.md")))}
 USER_PAGES = {name: text for name, text in PAGES.items() if not name.startswith("docs/notes/")}
 MOST_WORDS = {"docs/results.md": 800}
+FOR_OTHERS = ("clutter_env.bridges.for_vla_eval",)
+"""Modules that import a package which is not among our own."""
 SLOW = (
     "docs/irm.md",
     "docs/guides/two_arms.md",
@@ -167,6 +170,24 @@ def test_pages_are_short(page: str) -> None:
     assert len(PAGES[page].split()) <= MOST_WORDS.get(page, 1500)
 
 
+def test_a_release_is_read_in_two_minutes() -> None:
+    """And what the changelog links to exists."""
+    text = (ROOT / "CHANGELOG.md").read_text()
+    releases = re.split(r"^## ", text, flags=re.MULTILINE)[1:]
+    assert [release.split()[0].rstrip(",") for release in releases] == ["0.3.0", "0.2.0", "0.1.0"]
+    assert all(len(release.split()) <= 600 for release in releases)
+    for link in re.findall(r"\]\((?!https?:)([^)#\s]+)", text):
+        assert (ROOT / link).is_file(), link
+
+
+def test_what_a_reader_tries_first_is_found_first() -> None:
+    """The weights of the search are those of pages that exist, and the site uses them."""
+    assert "hooks: [scripts/site_search.py]" in (ROOT / "mkdocs.yml").read_text()
+    for start in BOOSTS:
+        assert any(page.startswith(f"docs/{start}") for page in PAGES), start
+    assert boost_of("tutorials/quickstart.md") > boost_of("planners.md") > boost_of("notes/planners.md")
+
+
 def test_every_page_is_in_the_sites_contents() -> None:
     contents = set(re.findall(r": ([\w/]+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE))
     assert contents == {str(path.relative_to(DOCS)) for path in DOCS.rglob("*.md")}
@@ -190,7 +211,10 @@ def test_files_and_names_of_the_pages_exist(page: str) -> None:
     ):
         assert (ROOT / file).is_file(), file
     for name in re.findall(r"\b((?:assets|irm|planners|clutter_env)(?:\.\w+)+)\b(?<!\.md|\.py)", PAGES[page]):
-        pkgutil.resolve_name(name)
+        if name in FOR_OTHERS:
+            assert importlib.util.find_spec(name)
+        else:
+            pkgutil.resolve_name(name)
 
 
 def test_the_results_in_readme_are_those_of_the_results_page() -> None:

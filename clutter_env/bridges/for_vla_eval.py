@@ -6,26 +6,21 @@
         params: {suite: side-15-v3}
 
 An episode is a scene of the suite's test split, in their order; success is that of the environment, clean by default.
-`PackagePolicy` serves a policy of this package, to try the harness without a model.
+`clutter_env.policies.vla_eval_server` serves a policy of this package, to try the harness without a model.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import closing
 from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from vla_eval.benchmarks.base import StepBenchmark, StepResult
-from vla_eval.model_servers.predict import PredictModelServer
 from vla_eval.specs import IMAGE_RGB, LANGUAGE, RAW, STATE_JOINT, DimSpec
 
 from clutter_env.bridges.hub import image_entries, joined, number_groups
-from clutter_env.errors import LearningError
-from clutter_env.policies.protocol import PublicInfo, check_public
-from clutter_env.policies.registry import load_policy
 from clutter_env.suites import Suite, suite as named_suite
 
 _SENTENCE = "instruction"
@@ -60,7 +55,7 @@ class SuiteBenchmark(StepBenchmark):
     def __init__(self, suite: str, exact: bool = False, keywords: Mapping[str, Any] | None = None) -> None:
         super().__init__()
         self._suite, self._exact = named_suite(suite), exact
-        self._env = _made(self._suite, exact, keywords)
+        self._env = made(self._suite, exact, keywords)
 
     def get_tasks(self) -> list[dict[str, Any]]:
         """One task: the suite. Its episodes are the scenes."""
@@ -101,7 +96,7 @@ class SuiteBenchmark(StepBenchmark):
     def get_action_spec(self) -> dict[str, DimSpec]:
         """The action: see docs/retrieve.md for its parts, which depend on the robot and on `control_mode`."""
         inner: Any = self._env.unwrapped
-        return {"action": _action_spec(self._env.action_space, inner.control_mode)}
+        return {"action": action_spec(self._env.action_space, inner.control_mode)}
 
     def get_observation_spec(self) -> dict[str, DimSpec]:
         """What `make_obs` sends."""
@@ -115,50 +110,13 @@ class SuiteBenchmark(StepBenchmark):
         self._env.close()
 
 
-class PackagePolicy(PredictModelServer):
-    """Serves a policy of this package that acts on observations, to a `SuiteBenchmark` with `exact: true`.
-
-    Args:
-        policy: a name for `clutter-env evaluate`.
-        suite: which it will play.
-        chosen: more arguments of vla-eval's own class.
-
-    Raises:
-        LearningError: the policy is of the privileged track, or acts by skills.
-        PolicyError: there is no such policy, or it cannot play the suite.
-    """
-
-    def __init__(self, policy: str, suite: str, **chosen: Any) -> None:
-        super().__init__(**chosen)
-        self._policy: Any = load_policy(policy, 0)
-        if getattr(self._policy, "is_privileged", False) or getattr(self._policy, "acts_by_skills", False):
-            raise LearningError(f"{policy} does not act on observations alone, step by step")
-        with closing(_made(named_suite(suite), True, getattr(self._policy, "env_keywords", {}))) as env:
-            env.reset(seed=0)
-            self._public = PublicInfo.of(env)
-
-    def predict(self, obs: Mapping[str, Any], ctx: Any) -> dict[str, Any]:  # noqa: ARG002  the harness's interface
-        """The action of the policy for an observation; `done` once it has finished or given up."""
-        if obs["info"]:
-            check_public(self._policy, self._public)
-            self._policy.reset(obs["info"])
-        action = self._policy.act(obs["observation"])
-        return {"actions": np.asarray(action, np.float32), "done": bool(getattr(self._policy, "done", False))}
-
-    def get_action_spec(self) -> dict[str, DimSpec]:
-        """As of the benchmark."""
-        return {"action": _action_spec(self._public.action_space, self._public.control_mode)}
-
-    def get_observation_spec(self) -> dict[str, DimSpec]:
-        """As of the benchmark."""
-        return {"observation": RAW}
-
-
-def _made(suite: Suite, exact: bool, keywords: Mapping[str, Any] | None) -> gym.Env[Any, Any]:
+def made(suite: Suite, exact: bool, keywords: Mapping[str, Any] | None) -> gym.Env[Any, Any]:
+    """The environment of a suite, with the sentence of the goal; see `SuiteBenchmark`."""
     mode = {} if exact else {"obs_mode": "rgbd"}
     return suite.test[0].make(**{"instruction": True, **mode, **(keywords or {})})
 
 
-def _action_spec(space: gym.Space[Any], control_mode: str) -> DimSpec:
+def action_spec(space: gym.Space[Any], control_mode: str) -> DimSpec:
+    """What vla-eval compares between model and benchmark: the size of the action, and how the robot is controlled."""
     assert isinstance(space, spaces.Box)
     return DimSpec("action", int(space.shape[0]), f"clutter_env_{control_mode}", (-1.0, 1.0))

@@ -65,7 +65,7 @@ def run(arguments: Arguments) -> None:
     traits = PolicyTraits.of(policy)
     env = scene.make(render_mode="human" if path is None else "rgb_array", **traits.env_keywords)
     film: Film | None = None
-    if arguments.policy in PLANNERS:
+    if arguments.policy in PLANNERS or traits.acts_by_skills:
         from planners import warmup
 
         with shown_compilation():
@@ -78,9 +78,8 @@ def run(arguments: Arguments) -> None:
             film.watch(str(getattr(policy, "phase", "")))
         bar.update(1 / env.metadata["render_fps"])
 
-    # Learned policies and skills use kernels too, and compile them at their first step.
-    bar = progress_bar(bar_format="{n:.0f} s simulated, {elapsed} passed")
-    with bar, shown_compilation(), logged_compilation():
+    # Other policies may use kernels too, and compile them at their first step.
+    with logged_compilation(), progress_bar(bar_format="{n:.0f} s simulated, {elapsed} passed") as bar:
         if traits.acts_by_skills:  # a step is a whole skill, whose motions are shown afterwards
             played = scene_for(scene, acts_by_skills=True, feasibility="oracle")
             with closing(played.make()) as skills_env:

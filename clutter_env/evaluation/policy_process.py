@@ -21,7 +21,7 @@ import threading
 import time
 import traceback
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import replace
 from importlib.abc import MetaPathFinder
 from typing import Any, BinaryIO
@@ -307,4 +307,11 @@ class _Host:
         played = scene_for(scene, self._traits.acts_by_skills, self._feasibility)
         if self._env is None or self._env_of != (played.env_id, played.keywords):
             self._env, self._env_of = played.make(**self._traits.env_keywords), (played.env_id, played.keywords)
-        return Recording.of(scene, self._env, play_scene(played, self._env, self._policy))
+        with _announced_compilation() if self._traits.acts_by_skills else nullcontext():  # planners announce their own
+            return Recording.of(scene, self._env, play_scene(played, self._env, self._policy))
+
+
+def _announced_compilation() -> AbstractContextManager[None]:
+    from planners.warming import logged_compilation  # most policies need no planner, and it takes long to import
+
+    return logged_compilation()

@@ -139,7 +139,7 @@ def write_questions(
         for number, question in enumerate(questions):
             if _is_hidden(question, hidden):
                 continue
-            found.append(Asked(question, question.about == target))
+            found.append(Asked(question, question.about == target, scene.body(question.about).position))
             about = {"id": f"{name}/{number}", "scene": name, **asdict(question), "images": shown, "mask_values": masks}
             lines.append(json_text(about))
         where = {"scene": name, "env_id": kind.env_id, "keywords": dict(kind.keywords), "seed": seed, "target": target}

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.errors import LearningError
+from clutter_env.evaluation.question_balance import SQUARE
 from clutter_env.evaluation.questions import BAR, KINDS
 from clutter_env.reporting.intervals import Interval, wilson
 
@@ -22,8 +23,6 @@ _MOST = 3
 
 _TOGETHER = 5
 """Scenes in a row that belong to one half: so many have all kinds among them."""
-_SQUARE = 0.2
-"""[m] Sides of the squares of a table."""
 
 Record = Mapping[str, Any]
 
@@ -115,7 +114,7 @@ def _colour(placed: Record) -> Hashable:
 def _place(placed: Record) -> Hashable:
     """The square of the table on which an object stands."""
     x, y, _ = placed["position"]
-    return round(x / _SQUARE), round(y / _SQUARE)
+    return round(x / SQUARE), round(y / SQUARE)
 
 
 class _Placed:

@@ -19,15 +19,19 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from graphlib import CycleError, TopologicalSorter
 
+import numpy as np
+
 from planners.cause import Cause
 from planners.clearing.lower_bound import MAX_EXPANSIONS, Blockers, self_clearable_sets
 from planners.clock import NO_DEADLINE, Deadline
 from planners.goals import Clear, Goal, On, occupants
 from planners.grasping.candidates import GraspCandidates
-from planners.placing.blockers import PutDownMasks, put_down_masks
-from planners.placing.goal_places import in_the_way, must_go_first, place_of, without_room
+from planners.placing.blockers import PutDownMasks, is_put_down_free, put_down_masks
+from planners.placing.goal_places import Place, in_the_way, must_go_first, place_of, without_room
+from planners.placing.locations import stand_at
 from planners.placing.placements import PlacementSearch
 from planners.scene import MAX_OBJECTS, Scene
+from planners.scene.cover import is_covered
 
 _GOAL, _ASIDE, _PUT = "\0goal", "\0aside ", "\0put "
 """Prefixes of imaginary objects. No real name contains a null character."""
@@ -37,12 +41,15 @@ _GOAL, _ASIDE, _PUT = "\0goal", "\0aside ", "\0put "
 class LowerBound:
     """Lower bound of the picks of any plan for a goal, for the declared grasps.
 
+    Like a `ClearanceFloor` it is about a sample of directions, base poses and arm configurations.
+
     Attributes:
         picks: fewest picks. None if planning is impossible (see `cause`). Without a proof, the picks of the best set
             found.
         objects: the objects to pick, in an order in which they can be taken.
         aside: objects that must be picked twice. They are put aside first, since others wait for them to leave.
-        proved: whether `picks` is exact for the places where objects stand. If not, only `least` is proved.
+        proved: whether `picks` is exact for the places where objects stand. If not, only `least` is proved. So it
+            is if an object goes under a shelf and no hand is found that fits there beside the objects that stay.
         least: no plan has fewer picks.
         cause: "", or why planning is impossible: "unreachable", "no self-clearable set", "time limit" or "no clearance
             location". With the last one, the objects are too many or too large for their places.
@@ -108,8 +115,12 @@ def fewest_picks(
         buffers,
     )
     found = table.fewest(expansions, deadline)
-    is_exact = found.picks is None or not _may_be_in_the_way(scene, goal, to_move, waiting_for)
-    return replace(found, proved=found.proved and is_exact)
+    if not found.proved or found.picks is None:
+        return found
+    is_unknown = _may_be_in_the_way(scene, goal, to_move, waiting_for) or _may_be_blocked_under_a_shelf(
+        scene, goal, to_move, waiting_for, candidates, search
+    )
+    return replace(found, proved=not is_unknown)
 
 
 @dataclass(frozen=True)
@@ -223,6 +234,48 @@ def _may_be_in_the_way(
         for fact in goal.placed
         if fact.object in to_move and not (isinstance(fact, On) and fact.place in to_move)
     )
+
+
+def _may_be_blocked_under_a_shelf(
+    scene: Scene,
+    goal: Goal,
+    to_move: Collection[str],
+    waiting_for: Mapping[str, Collection[str]],
+    candidates: GraspCandidates,
+    search: PlacementSearch | None,
+) -> bool:
+    """Whether objects may block a put-down under a shelf, where the bound does not count them.
+
+    They do not if a hand fits with its drive in and out, both while the others stand where they are and once they stand
+    at their ends. That is not known on top of objects that move.
+    """
+    moving = {fact.object: fact for fact in goal.placed if fact.object in to_move}
+    # An object that goes onto a moving one comes to where that one goes.
+    lowest = {name: place_of(scene, fact) for name, fact in moving.items() if fact.where not in moving}
+    covered = {name: place for name, place in lowest.items() if _is_covered(scene, place)}
+    if not covered:
+        return False
+    if search is None or len(lowest) < len(moving):
+        return True
+    ends = {
+        name: np.array([*place.location, place.face.top])
+        for name, place in lowest.items()
+        if place.location is not None
+    }
+    for name, place in covered.items():
+        leaving, after = waiting_for[name], scene
+        for other in (one for one in ends if one != name):
+            after = after.with_body(stand_at(scene.body(other), ends[other]))
+        for view, gone in ((scene, leaving), (after, set(leaving) - ends.keys())):
+            if not is_put_down_free(search, candidates, view, name, place, gone):
+                return True
+    return False
+
+
+def _is_covered(scene: Scene, place: Place) -> bool:
+    point = place.location if place.area is None else place.area.centre
+    assert point is not None
+    return is_covered(scene, (*point, place.face.top))
 
 
 def _put_downs(

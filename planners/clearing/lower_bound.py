@@ -43,7 +43,8 @@ class ClearanceFloor:
     Attributes:
         count: number of objects. None if planning is impossible (see `cause`).
         objects: their names, in an order in which they can be removed.
-        proved: whether `count` is exact. Otherwise `count` is an upper bound.
+        proved: whether `count` is exact for the declared options. Otherwise `count` is an upper bound. Options are a
+            sample of directions, base poses and arm configurations: with more of them the count can be lower.
         lower_bound: no plan clears fewer.
         options: index of the option of each of `objects`, and last of the target: the first option that is free by
             then.

@@ -11,6 +11,7 @@ Example:
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Collection, Iterable
 from typing import Protocol
 
@@ -102,6 +103,9 @@ class ControlledWorld:
         if not (np.isfinite(controller.dt) and controller.dt > 0):
             kind = type(controller).__name__
             raise ExpertError(f"dt={controller.dt!r} of {kind} is not valid; it must be a time [s]")
+        # Earlier worlds are in cycles with their controllers. Python's collector does not count MuJoCo's memory, and
+        # would keep them for dozens of episodes.
+        gc.collect()
         self.model, self.data, self.robot = model, mujoco.MjData(model), robot
         self.object_names = MovableBodies.of(model, robot, movable).names
         self.more_supports, self.regions, self.goal = more_supports, tuple(regions), goal

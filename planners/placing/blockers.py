@@ -130,6 +130,30 @@ def put_down_masks(
     return PutDownMasks(_minimal(straight), (0,) if name in scene.held_names else _minimal(ever))
 
 
+def is_put_down_free(
+    search: PlacementSearch,
+    candidates: GraspCandidates,
+    scene: Scene,
+    name: str,
+    place: Place,
+    leaving: Collection[str],
+) -> bool:
+    """Whether some hand that holds an object can release it at a place without hitting an object that stays.
+
+    Under a shelf, the straight drives in and out are included. Args as for `put_down_masks`; the place may be an area,
+    of which a few locations are tested.
+    """
+    gone = scene.mask({name, *leaving, *scene.held_names})
+    for view, _ in in_any_hand(candidates, scene, scene.body(name)):
+        world = _lowered(candidates.compiled.world(view), place)
+        pose = [] if place.location is None else [(place.location, (place.yaw,))]
+        for point, yaws in pose or _some_locations(view, place, leaving):
+            wanted = wanted_poses(view, place, point, yaws)
+            if len(_scan(search, world, wanted, place.face.top, gone, np.zeros((0, 3)), first_free=True)[1].q):
+                return True
+    return False
+
+
 def _minimal(masks: Collection[int]) -> tuple[int, ...]:
     """Masks that contain no other mask."""
     return tuple(mask for mask in masks if not any(other != mask and other & ~mask == 0 for other in masks))

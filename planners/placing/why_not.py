@@ -45,19 +45,19 @@ _NEAR = 0.5
 class _Hand:
     """A relative grasp of the object, with gripper poses (k, 5) that release it at the bottom of a place.
 
-    The way up from there is checked at a number of `rises`.
+    The gripper opens by `opening` [m] there. The way up from there is checked at a number of `rises`.
     """
 
     scene: Scene
     poses: Array
+    opening: float
     rises: int = _RISES[0]
 
     def hits(self, world: CollisionWorld, rise: float = 0.0) -> NDArray[np.bool_]:
         """Whether hand and object collide with the world when raised by `rise` [m]: (k,)."""
-        held, body = in_hand(world.scene)
-        opening = opening_around(world.scene.robot, body, held)
+        held, _ = in_hand(world.scene)
         raised = self.poses + np.array((0.0, 0.0, rise, 0.0, 0.0))
-        return gripper_hits(world, raised, opening, held=held) != 0
+        return gripper_hits(world, raised, self.opening, held=held) != 0
 
     def is_kept(self, world: CollisionWorld, fall: float) -> bool:
         """Whether all of its poses touch something where it lets go of what falls by `fall` [m], or on the way up."""
@@ -71,7 +71,7 @@ class _Hand:
             replace(self.scene, objects=(self.scene.body(held.name),), static_obstacles=())
         )
         arrays = gripper_arrays(robot_arrays(self.scene.robot))
-        query = world.query(opening_around(self.scene.robot, body, held), held, 0, robot=arrays)
+        query = world.query(self.opening, held, 0, robot=arrays)
         X = np.ascontiguousarray(self.poses[:1, [0, 1, 3, 2, 4]])
         positions, rotations = place_along(query, X)
         count = len(arrays.core)
@@ -181,7 +181,9 @@ def _hands(
                 found.append((point, yaws))
             if len(found) == most:
                 break
-        yield _Hand(view, np.concatenate([wanted_poses(view, place, point, yaws) for point, yaws in found]))
+        poses = np.concatenate([wanted_poses(view, place, point, yaws) for point, yaws in found])
+        held, in_it = in_hand(view)
+        yield _Hand(view, poses, opening_around(view.robot, in_it, held))
 
 
 def _world(scene: Scene, place: Place) -> CollisionWorld:
@@ -234,12 +236,19 @@ def _are_enough(
 def _least(
     hands: Sequence[_Hand], falls: Sequence[float], place: Place, things: Sequence[StaticObstacle | Body]
 ) -> list[StaticObstacle | Body]:
-    """A minimal subset of the obstacles that keeps every hand away. The last ones are kept."""
-    left = list(things)
-    for one in list(things):
-        fewer = [other for other in left if other is not one]
+    """A minimal subset of the obstacles that keeps every hand away. The last ones are kept.
+
+    Obstacles are left out many at a time. The result is that of leaving them out one by one, since further obstacles
+    only keep more hands away.
+    """
+    left, parts = list(things), [list(things)]
+    while parts:
+        part, middle = parts[0], len(parts[0]) // 2
+        fewer = [one for one in left if not any(one is other for other in part)]
         if fewer and _are_enough(hands, falls, place, fewer):
-            left = fewer
+            left, parts = fewer, parts[1:]
+        else:
+            parts = [*([part[:middle], part[middle:]] if middle else []), *parts[1:]]
     return left
 
 

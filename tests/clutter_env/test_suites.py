@@ -212,8 +212,9 @@ BOUNDS_NOW: Mapping[str, Mapping[int, Mapping[str, int]]] = {
         2095031: {"floor_all": 1},
     },
 }
-"""By suite and seed: lower bounds that are others by one since the suites were made, as docs/suites.md says. All are
-proved, then and now. Of the suites that stand here no other bound of a scene has changed."""
+"""By suite and seed: lower bounds that are others by one since the suites were made, as docs/audit.md says. All are
+proved for the grasps and base poses sampled then and now. Of the suites that stand here no other bound of a scene has
+changed."""
 NO_LONGER_DEEP = (2090133, 2095143, 2095181)
 """Seeds of "deep-shelf-12-v2" whose proved lower bound was 2 and is 1: they would not qualify any more."""
 

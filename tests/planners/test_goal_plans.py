@@ -717,6 +717,22 @@ def test_a_plan_for_text_that_a_scene_makes_a_goal(text: str) -> None:
     reached(scene_of("three"), text)
 
 
+@pytest.mark.parametrize(
+    ("seed", "least"), [(49_100_066, 5), (49_100_125, 3), (49_100_089, 2)], ids=["boards", "cabinet", "stack"]
+)
+def test_nothing_is_proved_exact_under_a_shelf_where_no_hand_is_known_to_fit(seed: int, least: int) -> None:
+    """No plan with so few picks is known: the bound does not count what keeps a hand from releasing under a board."""
+    *_, scene, goal = drawn_close(seed)
+    bound = lower_bound(scene, goal)
+    assert (bound.picks, bound.least, bound.proved) == (least, least, False)
+
+
+def test_under_a_shelf_a_bound_is_proved_where_a_hand_fits() -> None:
+    scene = shelf_scene(cylinder("a", -0.2, -0.15, 0.027, 0.175), cylinder("b", -0.2, 0.15, 0.027, 0.175))
+    assert lower_bound(scene, "a").proved
+    assert lower_bound(scene, goals.at("a", (-0.2, 0.0))).proved, "a hand fits beside b"
+
+
 def test_nothing_is_proved_exact_while_something_unproved_stands_at_a_place() -> None:
     """Of two bottles that change places one is put aside, but of objects of several pieces that is not proved."""
     bodies = [bottle(name, (-0.1, y, HEIGHT)) for name, y in (("object_00", -0.1), ("object_01", 0.1))]

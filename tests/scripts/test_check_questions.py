@@ -16,7 +16,7 @@ from PIL import Image
 from clutter_env.cli.main import main
 from clutter_env.errors import LearningError
 from clutter_env.evaluation import question_files
-from clutter_env.evaluation.question_balance import COMMON, Asked, balanced
+from clutter_env.evaluation.question_balance import COMMON, ON_SQUARE, Asked, balanced
 from clutter_env.evaluation.question_files import QUESTIONS, SCENES, asked, read_lines, scenes
 from clutter_env.evaluation.question_scores import BASELINES, COMMONEST, LEARNED, answered, scored
 from clutter_env.evaluation.questions import DIRECTIONS, DRIVES, KINDS, OF_GRASPS, SIDES, Answer, Asker, Question
@@ -75,8 +75,8 @@ def test_the_colour_of_an_object_does_not_say_whether_it_can_be_taken() -> None:
     for kind, seed in scenes(6, 60, FIRST):
         if not kind.env_id.startswith("clutter_env/Retrieve"):
             continue
-        _, target, questions, _ = asked(envs[kind.env_id], kind, seed, asker)
-        about += [Asked(one, one.about == target) for one in questions]
+        scene, target, questions, _ = asked(envs[kind.env_id], kind, seed, asker)
+        about += [Asked(one, one.about == target, scene.body(one.about).position) for one in questions]
     for env in envs.values():
         env.close()
     kept = [about[index] for index in balanced(about, np.random.default_rng(0))]
@@ -87,13 +87,28 @@ def test_the_colour_of_an_object_does_not_say_whether_it_can_be_taken() -> None:
 
 def test_the_commonest_answers_of_a_kind_are_equally_common() -> None:
     answers: list[Answer] = [(), (), (), (), ("a",), ("b",), ("a",), ("a", "b"), ("b", "c"), ("a", "b", "c")]
-    asked_of = [Asked(Question("touched", "d", "?", answer), True) for answer in answers]
+    asked_of = [Asked(Question("touched", "d", "?", answer), True, (0.0, 0.0, 0.8)) for answer in answers]
     kept = [asked_of[index] for index in balanced(asked_of, np.random.default_rng(0))]
     assert Counter(one.answer for one in kept) == {0: 2, 1: 2, 2: 2, 3: 1}
     assert balanced([one for one in asked_of if one.answer != 0 and one.answer != 3], np.random.default_rng(0)) == []
     of_others = [replace(one, is_target=False) for one in asked_of[:4]]
     assert len(balanced([*asked_of, *of_others], np.random.default_rng(0))) == len(kept)
     assert set(COMMON) == set(KINDS)
+
+
+def test_answers_are_equally_common_on_each_square() -> None:
+    """What stands far back can be taken, here in three of four scenes, and what stands in front in one."""
+    asked_of = [
+        Asked(Question("taken now", "a", "?", is_free), False, (x, y, 0.8))
+        for x, free in ((-0.4, 1), (0.4, 3))
+        for is_free in (True,) * free + (False,) * (4 - free)
+        for y in (-0.2, 0.2)
+    ]
+    kept = [asked_of[index] for index in balanced(asked_of, np.random.default_rng(0))]
+    assert Counter((one.square, one.answer) for one in kept) == {
+        (square, answer): 2 for square in ((-2, 1), (2, 1)) for answer in (True, False)
+    }
+    assert set(ON_SQUARE) < set(KINDS)
 
 
 def test_rules_learn_from_the_other_half_of_the_scenes() -> None:

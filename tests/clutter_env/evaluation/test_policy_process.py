@@ -8,14 +8,16 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numba.core import event
 
 from clutter_env.evaluation import policy_process
 from clutter_env.evaluation.evaluate import _Job, _play_in_worker
 from clutter_env.evaluation.policy_process import PolicyProcess
-from clutter_env.evaluation.scenes import SceneSet
+from clutter_env.evaluation.scenes import SceneSet, SeededScene
 from clutter_env.evaluation.score import PolicyCrashed, one_line
 from clutter_env.policies.protocol import PolicyError
 from clutter_env.policies.registry import PolicyTraits
@@ -207,3 +209,19 @@ def test_an_interrupted_command_leaves_no_process_behind(ending: signal.Signals)
     while left() - before:
         assert time.monotonic() < waited_until
         time.sleep(0.5)
+
+
+def test_skills_that_compile_their_kernels_say_so(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The first episode of an evaluation compiled in silence."""
+
+    def compiles(*_: object) -> None:
+        with event.trigger_event("numba:compile"):
+            pass
+
+    monkeypatch.setattr(policy_process, "play_scene", compiles)
+    monkeypatch.setattr(policy_process, "Recording", SimpleNamespace(of=lambda *_: None))
+    host = policy_process._Host("greedy", 0, "oracle", False, "", ())
+    host._play(SeededScene("clutter_env/Retrieve-o1-v0", {}, 0))
+    assert "compiling the planner's kernels" in caplog.text

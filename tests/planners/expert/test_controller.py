@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from dataclasses import dataclass
 from typing import Any
 
@@ -116,6 +118,20 @@ def test_a_support_that_has_been_knocked_over_or_away_is_the_failure_of_a_report
     assert words in expert.report.failure
     assert not expert.report.scored
     assert expert.done == ("clear" in str(goal))
+
+
+def test_the_world_of_an_episode_is_gone_when_that_of_the_next_one_is_made() -> None:
+    """Twenty episodes of large models took 8 GB: a task and its world refer to each other."""
+    gc.disable()
+    try:
+        controller, world = controlled(0.1, 0.1)
+        controller.world = world  # type: ignore[attr-defined]  # as the tasks of the bridges do
+        former = weakref.ref(world)
+        del controller, world
+        controlled(0.1, 0.1)
+        assert former() is None
+    finally:
+        gc.enable()
 
 
 def test_misuse_of_a_controller_is_told() -> None:
