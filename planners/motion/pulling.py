@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from assets.robots import RobotSpec
 from planners.collision.opened import STEPS, pulled, riding, way, without_moving
 from planners.collision.scene_arrays import RobotArrays
-from planners.collision.world import CollisionWorld
+from planners.collision.world import OVERLAP, CollisionWorld
 from planners.motion.approaches import ContactQuery, free_approach
 from planners.motion.arm import plan_home, tcp_poses
 from planners.motion.path import BlockedBy, NoPath, WholeBodyPath
@@ -280,6 +280,14 @@ def _left(
             leave = WholeBodyPath(approach.empty, query.empty.opening)
             fingers = world.scene.robot.finger_position(leave.opening)
             home = plan_home(world, RobotState(leave.end_base, leave.end, fingers), rng)
-            stays = WholeBodyPath(np.repeat(leave.configurations[-1:], 2, axis=0), leave.opening)
-            return leave, home if isinstance(home, WholeBodyPath) else stays
+            if isinstance(home, WholeBodyPath):
+                return leave, home
+            if not _is_around(world, leave, held.name):
+                return leave, WholeBodyPath(np.repeat(leave.configurations[-1:], 2, axis=0), leave.opening)
     return NoPath("pull: the gripper cannot leave the handle where it is pulled to")
+
+
+def _is_around(world: CollisionWorld, leave: WholeBodyPath, handle: str) -> bool:
+    """Whether the handle is still between the open fingers, so that no motion can begin there with another opening."""
+    hits = world.with_padding(-OVERLAP).hits(leave.end_base, leave.end, 0.0)
+    return bool(hits >> world.scene.index(handle) & 1)

@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners import Cause, Infeasible, Solution, goals, lower_bound, solve
+from clutter_env.envs.retrieve import RetrieveEnv
+from planners import Cause, Infeasible, Scene, Solution, goals, lower_bound, solve
+from planners.collision.world import CollisionWorld, is_inside_static
 from planners.goals import Goal
 from planners.scene import Body
 from tests.planners.opening.furniture import World, box_world, cupboard_world, drawer_world
@@ -128,3 +130,13 @@ def test_what_is_sunk_into_a_part_that_could_be_pushed_is_no_error() -> None:
     lower = red.at_pose(np.array([*red.pose[:2], red.pose[2] - (0, 0, 0, 0.005), red.pose[3]]))
     scene = replace(scene, objects=tuple(lower if one is red else one for one in scene.objects))
     assert isinstance(solve(scene, goals.open_("drawer"), time_limit=60), Solution | Infeasible)
+
+
+def test_the_hand_is_off_the_handle_when_the_next_motion_begins() -> None:
+    env = RetrieveEnv(layout="fridge", num_objects=5, base="differential")
+    env.reset(seed=3)
+    scene = Scene.from_mujoco(env.model, env.data, env.robot)
+    plan = solve(scene, goals.open_("door", share=0.97), time_limit=60)
+    assert isinstance(plan, Solution)
+    assert plan.end is not None
+    assert not is_inside_static(CollisionWorld.from_scene(plan.end))
