@@ -240,8 +240,8 @@ def test_readme_says_of_libero_what_its_page_says() -> None:
     for suite in ("libero_goal", "libero_spatial", "libero_object"):
         row = re.search(rf"^\| `{suite}` \| (\d+) \|.*\| (\d+) of \d+ steps", PAGES["docs/guides/libero.md"], re.M)
         assert row is not None
-        tasks, within = row.groups()
-        assert re.search(rf"\b{within} of {tasks}( tasks)? of `{suite}`", text), suite
+        episodes, within = row.groups()
+        assert re.search(rf"\b{within} of {episodes}( episodes)? of `{suite}`", text), suite
 
 
 def test_every_cause_and_strategy_is_on_the_planners_page() -> None:
