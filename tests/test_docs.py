@@ -238,7 +238,7 @@ def test_the_results_in_readme_are_those_of_the_results_page() -> None:
 def test_readme_says_of_libero_what_its_page_says() -> None:
     text = " ".join(PAGES["README.md"].split())
     for suite in ("libero_goal", "libero_spatial", "libero_object"):
-        row = re.search(rf"^\| `{suite}` \| (\d+) \|.*\| (\d+) of \d+ steps", PAGES["docs/guides/libero.md"], re.M)
+        row = re.search(rf"^\| `{suite}` \| (\d+) \|.*\| (\d+) \(\d+ steps\)", PAGES["docs/guides/libero.md"], re.M)
         assert row is not None
         episodes, within = row.groups()
         assert re.search(rf"\b{within} of {episodes}( episodes)? of `{suite}`", text), suite
