@@ -246,12 +246,12 @@ def lower_bound_through(asked: Asked, scene: Scene, goal: Goal, start: Scene | N
             return others[0]
     for fact in last:
         if not fact.holds(here):
-            # What is in its way then is not known: only the pull itself is counted.
+            # What is in its way then is not known: only the pull itself is counted, and the count is not exact.
             is_alone = rest is None and not moves
             found = _least_to_move(asked, here, fact.opening, _last_position(here, fact)) if is_alone else None
             if found is not None and found.picks is None:
                 return found
-            pull = LowerBound(1, (f"{HANDLE_OF}{fact.opening}",), (), not goal.held, 1)
+            pull = LowerBound(1, (f"{HANDLE_OF}{fact.opening}",), (), False, 1)
             bounds.append(found or pull)
     return _together(bounds, others, len(moves) > count)
 
