@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from assets import FETCH
-from planners import ControlledWorld, TampExpert, goals
+from planners import ControlledWorld, Solution, TampExpert, execute, goals, solve
 from planners.goals import Goal
 from planners.scene.mujoco_reading import RobotJoints
 from tests.planners.expert.test_controller import Deltas
@@ -38,3 +38,14 @@ def test_a_drawer_that_jams_is_not_taken_for_open(goal: Goal) -> None:
     assert not expert.report.scored
     assert expert.report.failure == "'drawer' stopped twice at 0.14 m, short of the goal"
     assert expert.report.deviations == ("drawer: not moved as far as planned",) * 2
+
+
+def test_a_drawer_that_stays_ajar_is_not_shut() -> None:
+    world = drawer_world(share=0.9)
+    plan = solve(world.scene(), goals.closed("drawer"))
+    assert isinstance(plan, Solution)
+    world.model.jnt_range[world.model.joint("drawer_joint").id] = (0.08 * 0.28, 0.28)  # something is behind it
+    result = execute(plan, world.model, world.data)
+    assert result.deviation is not None
+    assert str(result.deviation) == "drawer: not moved as far as planned"
+    assert world.data.joint("drawer_joint").qpos[0] > 0.05 * 0.28
