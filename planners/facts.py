@@ -22,6 +22,8 @@ TOLERANCE, YAW_TOLERANCE = 0.02, 0.1
 OPEN_SHARE, AJAR = 0.8, 0.05
 """Default share of the range from which on something is open. Share up to which it is shut, and tolerance of a wanted
 share."""
+LACKS = 0.12
+"""Share of its range that an opening may lack once it has been released. It is pulled farther than a goal asks."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from planners.collision.opened import riding
 from planners.contact import StepLabel, contact_of, label_of
 from planners.expert.config import MonitorConfig
 from planners.expert.monitor import Deviation, DeviationKind, Sensor, Snapshot, object_moved, tracking_error
-from planners.facts import AJAR
+from planners.facts import AJAR, LACKS
 from planners.goals import has_yaw
 from planners.motion.arm import tcp_pose
 from planners.motion.tcp_following import ON_THE_WAY, PATIENCE, allowed, is_behind
@@ -38,9 +38,6 @@ _LAST_LOOK = 1.0, 0.5
 """Time span [s] before an approach in which the object is checked again, so that the robot can stop before it."""
 _BESIDE = 0.15
 """Distance [m] of object centres within which the open gripper would touch both, if they are perceived wrongly."""
-_LACKS = 0.12
-"""Share of its range that an opening may lack at the end of the pull, which goes farther than a goal asks. What is shut
-may lack `AJAR`, as for `closed`."""
 _ROUNDING = 1e-6
 """Tolerance of a number of samples."""
 
@@ -339,5 +336,5 @@ def _not_opened(action: BoundAction, now: Snapshot) -> Deviation | None:
         return None
     opening = action.scene.opening(pull.opening)
     lacks = abs(now.openings[pull.opening] - pull.position) / abs(opening.open - opening.shut)
-    most = AJAR if math.isclose(pull.position, opening.shut) else _LACKS
+    most = AJAR if math.isclose(pull.position, opening.shut) else LACKS  # as for `closed`
     return Deviation(DeviationKind.NOT_OPENED, pull.opening) if lacks > most else None

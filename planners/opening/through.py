@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from planners.cause import Cause
 from planners.clearing.goal_bound import LowerBound
 from planners.clock import Deadline
-from planners.facts import At, Closed, Fact, Holding, Inside, On, Open, Pulled, Turned
+from planners.facts import LACKS, At, Closed, Fact, Holding, Inside, On, Open, Pulled, Turned
 from planners.goals import Goal
 from planners.grasping.push_poses import face_against
 from planners.opening.handle import HANDLE_OF, as_if_opened, handles_of, with_handle, without_handle
@@ -32,8 +32,6 @@ _HALF = _FULLY / 2
 """Share below which something is more shut than open."""
 _LEFT_AT = (0.6, 0.35)
 """Shares of its way at which something is left that no hand follows all the way."""
-_SPRINGS_BACK = 0.12
-"""Share of its range by which something may spring back that is released: execution takes no more for a failure."""
 _MOST = 2
 """Things that are opened for the same object at most."""
 
@@ -363,7 +361,7 @@ def _moved_at_once(asked: Asked, scene: Scene, name: str, position: float) -> So
     opening = scene.opening(name)
     towards_open = (position - opening.position) * (opening.open - opening.shut) > 0
     left_at = opening.released(position)
-    if abs(left_at - position) > _SPRINGS_BACK * abs(opening.open - opening.shut):
+    if abs(left_at - position) > LACKS * abs(opening.open - opening.shut):
         cause, does = (Cause.SPRINGS_SHUT, "shuts") if towards_open else (Cause.SPRINGS_OPEN, "opens")
         detail = f"a spring or its weight {does} {name} when nobody holds it, by {abs(left_at - position):.3g} m or rad"
         return Infeasible(cause, detail, (name,))

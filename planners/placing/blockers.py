@@ -110,9 +110,8 @@ def put_down_masks(
         )
         for view, taken in in_any_hand(candidates, scene, body)
     ]
-    for world, _, wanted in ways:
-        if len(_scan(search, world, wanted, level, gone, np.zeros((0, 3)), first_free=True)[1].q):
-            return PutDownMasks()
+    if any(_is_any_free(search, world, wanted, level, gone) for world, _, wanted in ways):
+        return PutDownMasks()
     straight, ever = set[int](), set[int]()
     for world, taken, wanted in ways:
         robot, (held, _) = world.scene.robot, in_hand(world.scene)
@@ -148,10 +147,14 @@ def is_put_down_free(
         world = _lowered(candidates.compiled.world(view), place)
         pose = [] if place.location is None else [(place.location, (place.yaw,))]
         for point, yaws in pose or _some_locations(view, place, leaving):
-            wanted = wanted_poses(view, place, point, yaws)
-            if len(_scan(search, world, wanted, place.face.top, gone, np.zeros((0, 3)), first_free=True)[1].q):
+            if _is_any_free(search, world, wanted_poses(view, place, point, yaws), place.face.top, gone):
                 return True
     return False
+
+
+def _is_any_free(search: PlacementSearch, world: CollisionWorld, wanted: Array, level: float, gone: int) -> bool:
+    """Whether an arm configuration from some base pose releases the object at one of the gripper poses (k, 5)."""
+    return len(_scan(search, world, wanted, level, gone, np.zeros((0, 3)), first_free=True)[1].q) > 0
 
 
 def _minimal(masks: Collection[int]) -> tuple[int, ...]:

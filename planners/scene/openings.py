@@ -89,16 +89,16 @@ class Opening:
 
     @property
     def springs_shut(self) -> bool:
-        """Whether a spring shuts it when it is released."""
-        towards_shut = self.spring if self.open > self.shut else -self.spring
-        return towards_shut > max(self.friction, 0.0)
+        """Whether a spring or its weight moves it towards shut when it is released half open."""
+        half_open = self.at_share(0.5)
+        return (half_open - self.released(half_open)) * (self.open - self.shut) > 0
 
     def released(self, position: float) -> float:
         """Position [m] or [rad] to which a spring or its weight takes it from another one, where nobody holds it.
 
         The weight only counts where it shuts: in a lid that leans back when it is open, it does not open the shut lid.
         """
-        stretched = self.stiffness * ((self.shut + self.open) / 2 - self.relaxed)
+        stretched = self.stiffness * (self.at_share(0.5) - self.relaxed)
         sign, friction = (1.0 if self.open >= self.shut else -1.0), max(self.friction, 0.0)
         weight = sign * max(sign * (self.spring - stretched), 0.0)
         force = self.stiffness * (position - self.relaxed) + weight

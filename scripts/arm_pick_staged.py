@@ -1,12 +1,14 @@
 """Reinforcement learning from a staged reward alone: stock SAC on ArmPick, without demonstrations and hindsight.
 
-    python arm_pick_staged.py [SEED [STEPS]]
+    python scripts/arm_pick_staged.py [SEED [STEPS]]
 
 Observations are normalised as they come. The settings are those of `clutter-env train sac` on ArmRetrieve.
 """
 
 import sys
 import time
+from collections.abc import Mapping
+from typing import Any
 
 import torch
 from stable_baselines3 import SAC
@@ -35,12 +37,15 @@ SETTINGS = {
 class Learned:
     """What has been learned, as a policy."""
 
-    def reset(self, info): ...
-    def act(self, observation):
+    def reset(self, info: Mapping[str, Any]) -> None:
+        """Nothing is remembered."""
+
+    def act(self, observation: Any) -> Any:
+        """The most likely action."""
         return model.predict(envs.normalize_obs(observation), deterministic=True)[0]
 
 
-def measure(seeds):
+def measure(seeds: range) -> bool:
     success, spent = success_rate(env, Learned(), seeds), time.process_time() - started
     print(f"{model.num_timesteps} steps, {spent:.0f} CPU s: {success:.2f} of {len(seeds)}", flush=True)
     return True
