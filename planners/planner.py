@@ -116,8 +116,8 @@ def _with_true_cause(scene: Scene, taken: tuple[str, ...], found: Solution | Inf
 def lower_bound(scene: Scene, goal: str | Goal, expansions: int = MAX_EXPANSIONS, *, grasps: str = "all") -> LowerBound:
     """Find the lower bound of the picks of any plan for a goal, for one grasp set, with repeated picks included.
 
-    It holds for the grasps of that set, and for the base poses and arm configurations that all strategies sample first.
-    With others a plan can have fewer picks.
+    It holds for the grasps of that set, and for a sample of up to 40 base poses for each, with several arm
+    configurations. With others a plan can have fewer picks.
 
     Args:
         scene: as for `solve`.
@@ -138,8 +138,8 @@ def clearance_floor(
 ) -> ClearanceFloor:
     """Find the exact minimum number of objects that any plan must clear before it can take `target`, for one grasp set.
 
-    It is exact for the grasps of that set, and for the base poses and arm configurations that all strategies sample
-    first. With others a plan can clear fewer: docs/audit.md has such a scene. It holds for every path to them: only
+    It is exact for the grasps of that set, and for a sample of up to 40 base poses for each, with several arm
+    configurations. With others a plan can clear fewer. It holds for every path to them: only
     objects in collision at the final grasp configuration are included. Under a shelf, the base drives straight in and
     out, and objects in the way of this drive are included too.
 
@@ -292,7 +292,7 @@ class Planner:
         workspace = Workspace.of(self.robot, scene, grasps=self.grasps)
         if target in scene.held_names:
             return ClearanceFloor(0, (), True, 0, grasps=workspace.catalogue)
-        blockers = partial(workspace.grasps().blockers, scene)
+        blockers = partial(replace(workspace.grasps(), closely=True).blockers, scene)
         found = next(self_clearable_sets(blockers, target, scene.names, expansions=expansions))
         is_too_wide = found.cause == Cause.UNREACHABLE and workspace.too_wide(scene, target)
         return replace(found, cause=Cause.TOO_WIDE if is_too_wide else found.cause, grasps=workspace.catalogue)

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from assets.robots import RobotSpec
-from planners.clearing.goal_bound import LowerBound, fewest_picks
+from planners.clearing.goal_bound import LowerBound, fewest_picks, must_move
 from planners.clearing.lower_bound import MAX_EXPANSIONS
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import SUPPORT_SLACK, CompiledScenes, validate
@@ -94,26 +95,50 @@ class Problem:
         """The same problem with arm configurations near home only."""
         return replace(self, workspace=self.workspace.only_near_home(), _bounds={})
 
-    def lower_bound(self, expansions: int = MAX_EXPANSIONS, deadline: Deadline = NO_DEADLINE) -> LowerBound:
-        """Find the lower bound of the picks, cached. See `planners.clearing.goal_bound`.
+    @cached_property
+    def closer(self) -> Problem:
+        """The same problem with many more base poses for objects of which every known grasp has something in its way."""
+        closer = replace(self, _bounds={})
+        object.__setattr__(closer, "candidates", self.candidates.looking_closely(self.scene))
+        return closer
 
-        It holds for the scene as it is: nothing is opened. `Planner.lower_bound` includes opening.
+    def lower_bound(self, expansions: int = MAX_EXPANSIONS, deadline: Deadline = NO_DEADLINE) -> LowerBound:
+        """Find the lower bound of the picks. See `planners.clearing.goal_bound`.
+
+        It holds for the scene as it is: nothing is opened. `Planner.lower_bound` includes opening. If other objects
+        than those of the goal seem to be in the way, it holds for many more base poses than plans begin with.
         """
+        found = self.first_bound(expansions, deadline)
+        if self.candidates.closely or found.picks == len(must_move(self.scene, self.goal, self.start)):
+            return found
+        closer = self.closer.first_bound(expansions, deadline)
+        if closer.picks is not None and (found.picks is None or closer.picks < found.picks):
+            return closer
+        if closer.proved or not found.proved:
+            return found
+        return replace(found, least=min(found.least, closer.least), proved=False)
+
+    def first_bound(self, expansions: int = MAX_EXPANSIONS, deadline: Deadline = NO_DEADLINE) -> LowerBound:
+        """Find the lower bound for the base poses that plans begin with, cached."""
         if expansions not in self._bounds:
-            found = fewest_picks(
-                self.scene,
-                self.goal,
-                self.candidates,
-                self.start,
-                search=self.workspace.placements(),
-                buffers=not self.hold_aside,
-                expansions=expansions,
-                deadline=deadline,
-            )
+            found = self._fewest_picks(self.candidates, expansions, deadline)
             if deadline.is_over:
                 return found
             self._bounds[expansions] = found
         return self._bounds[expansions]
+
+    def _fewest_picks(self, candidates: GraspCandidates, expansions: int, deadline: Deadline) -> LowerBound:
+        """The bound for these grasps."""
+        return fewest_picks(
+            self.scene,
+            self.goal,
+            candidates,
+            self.start,
+            search=self.workspace.placements(),
+            buffers=not self.hold_aside,
+            expansions=expansions,
+            deadline=deadline,
+        )
 
 
 def goal_in(scene: Scene, goal: str | Goal, start: Scene | None = None) -> Goal:

@@ -32,7 +32,7 @@ from planners.grasping.arm_configurations import (
     scan_configurations,
 )
 from planners.grasping.bar_grasps import BarFamily, bar_grasps, turned, with_hand_turned
-from planners.grasping.base_placement import STRAIGHT, TURNED, Placer, facing_bases
+from planners.grasping.base_placement import STRAIGHT, TURNED, FixedBase, Placer, facing_bases
 from planners.grasping.families import SIDE, Family, families_for
 from planners.grasping.grasp_poses import GraspPose, can_pull, generate_grasps
 from planners.grasping.push_poses import PushFamily, push_poses
@@ -45,8 +45,8 @@ _AnyFamily: TypeAlias = Family | BarFamily | PushFamily
 _BASES = (0, 8)
 """Base poses for each gripper pose: the placer's own number, then more where these give no grasp, or, under a shelf, no
 grasp with nothing in its way."""
-_MANY_BASES = (40,)
-"""The same for handles where that gives no grasp: what they are on often leaves no room at the best bases."""
+_MANY_BASES = 40
+"""The same of a closer look. More are hardly ever there: with 160 no bound of 48 scenes was lower."""
 _OPENINGS = 0.015
 """[m] between the openings of groups of grasps of one object."""
 _REFILLS = 8
@@ -122,12 +122,13 @@ def as_candidates(
 
 
 class _Stage(NamedTuple):
-    """A family of grasps, the yaws [rad] that the gripper may have relative to the base, and whether all is looked at
-    closely: many bases, heights of the torso and angles of the arm."""
+    """A family of grasps, the yaws [rad] that the gripper may have relative to the base, whether many base poses are
+    looked at, and whether many heights of the torso and angles of the arm are."""
 
     family: _AnyFamily
     turns: tuple[float, ...] = _MAP
-    is_close: bool = False
+    has_many_bases: bool = False
+    has_many_arms: bool = False
 
 
 _Grasps: TypeAlias = tuple[GraspCandidate, ...]
@@ -171,6 +172,7 @@ class GraspCandidates:
         compiled: the compiled scenes, shared with the other users in one solve.
         refuted: grasps that were found worse than expected.
         unusable: those of them that the gripper cannot come to, or leave again.
+        closely: whether many more base poses are looked at for objects of which every grasp has something in its way.
         remembers: whether grasps are kept when other objects have moved: only what these hit is looked at again. Where
             that leaves no free one, and one might be free that was left out as it hit more, grasps are looked for anew.
     """
@@ -180,6 +182,7 @@ class GraspCandidates:
     canonical: bool = False
     near_home: bool = False
     compiled: CompiledScenes = field(default_factory=CompiledScenes)
+    closely: bool = False
     remembers: bool = False
     refuted: int = 0
     unusable: int = 0
@@ -236,9 +239,22 @@ class GraspCandidates:
     def learn(self, other: GraspCandidates) -> None:
         """Take over what is known elsewhere, in the same scene, of objects of which nothing is known here.
 
-        From then on what is known is kept when objects move, as with `remembers`.
+        From then on what is known is kept when objects move, as with `remembers`. Who has looked closely there looks
+        closely here, too.
         """
+        if other.closely and not self.closely:
+            self._known, self.closely = {}, True
         self._known, self.remembers = {**other._known, **self._known}, True
+
+    def looking_closely(self, scene: Scene) -> GraspCandidates:
+        """The grasps known in a scene, to be joined by those from many more base poses where none has a free way."""
+        views, known = self._views_of(scene), {}
+        for key, one in self._known.items():
+            arm, name, _ = key
+            if name in scene.names:
+                more = self._from_many_bases(views[arm], views[arm].body(name))
+                known[key] = one._replace(unseen=(*one.unseen, *more))
+        return replace(self, closely=True, _views=dict(views), _known=known, _merged={})
 
     def learn_for(self, scene: Scene, other: GraspCandidates) -> None:
         """Take over what is known in another scene, where a new scan would find the same in this one.
@@ -337,12 +353,25 @@ class GraspCandidates:
     def _stages(self, scene: Scene, body: Body) -> tuple[_Stage, ...]:
         """Where grasps of an object are looked for, in this order."""
         every_turn = (STRAIGHT, TURNED, _MAP) if self.canonical else (_MAP,)
+        families = self._families_of(scene, body)
+        stages = tuple(_Stage(family, turns) for family in families for turns in every_turn)
+        return (*stages, *self._from_many_bases(scene, body)) if self.closely or _is_handle(scene, body) else stages
+
+    def _from_many_bases(self, scene: Scene, body: Body) -> tuple[_Stage, ...]:
+        """Where grasps of an object are looked for closely."""
+        is_handle, is_fixed = _is_handle(scene, body), isinstance(self.arms[scene.robot.arm_name], FixedBase)
+        if is_fixed and not is_handle:
+            return ()
+        families = self._families_of(scene, body)
+        return tuple(_Stage(one, has_many_bases=True, has_many_arms=is_handle) for one in families)
+
+    def _families_of(self, scene: Scene, body: Body) -> tuple[_AnyFamily, ...]:
+        """The families by which an object, or the handle that it stands for, is grasped."""
         families = self._families_for(scene, body)
         if _is_handle(scene, body) and any(family.pitch < math.pi / 2 for family in self.families):
             # Else the hand stays upright.
-            families = (*families, BarFamily())
-        stages = tuple(_Stage(family, turns) for family in families for turns in every_turn)
-        return (*stages, *(_Stage(one, is_close=True) for one in families)) if _is_handle(scene, body) else stages
+            return (*families, BarFamily())
+        return families
 
     def _families_for(self, scene: Scene, body: Body) -> tuple[_AnyFamily, ...]:
         """The families by which an object is grasped, or pushed."""
@@ -368,9 +397,13 @@ class GraspCandidates:
     ) -> list[GraspCandidate]:
         """The grasps from base poses of the reachability map."""
         covered, placer = is_covered(scene, body.foot), self.arms[scene.robot.arm_name]
+        if stage.has_many_bases:
+            bases, index = placer.bases(wanted, _MANY_BASES)
+            poses = self._untried(scene, body, GripperPoses(bases, wanted[index]))
+            return self._scan(scene, body, poses, opening, stage, known={grasp.blockers for grasp in known})
         candidates: list[GraspCandidate] = []
         before = GripperPoses(np.zeros((0, 3)), np.zeros((0, 5)))
-        for most in _MANY_BASES if stage.is_close else _BASES:
+        for most in _BASES:
             bases, index = placer.bases(wanted, most)
             if len(bases) == len(before.bases):
                 break  # there are no more
@@ -419,7 +452,7 @@ class GraspCandidates:
         chain = self.arms[scene.robot.arm_name].chain
         if stage.turns:
             return ConfigurationGrid.about_home(chain, scene.robot.in_front)
-        if stage.is_close:
+        if stage.has_many_arms:
             return ConfigurationGrid.to_the_limits(chain)
         return ConfigurationGrid.near_home(chain) if self.near_home else ConfigurationGrid.over(chain)
 

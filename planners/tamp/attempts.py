@@ -45,6 +45,8 @@ def best_of_attempts(
         if deadline.is_over or is_proved:
             break
     best = best_outcome(outcomes, is_proved, deadline)
+    if not deadline.is_over:
+        best = _or_with_fewer_picks(best, problem, strategy, task_planner, rng, deadline)
     scene = problem.scene
     leaning = [one.name for one in scene.objects if one.name not in scene.held_names and leans(one)]
     if isinstance(best, Infeasible) and leaning:
@@ -77,6 +79,36 @@ def _attempt(
         layer = MotionLayer(workspace, rng, compiled, deadline).with_known(layer if remembers else None)
         outcome = task_and_motion_plan(Search(problem, strategy, task_planner, layer))
     return outcome, layer
+
+
+def _or_with_fewer_picks(
+    found: Solution | Infeasible,
+    problem: Problem,
+    strategy: Strategy,
+    task_planner: TaskPlanner,
+    rng: np.random.Generator,
+    deadline: Deadline,
+) -> Solution | Infeasible:
+    """The outcome, or a plan from many more base poses that has fewer picks, if the lower bound allows one.
+
+    A plan from them alone is not always better: they include grasps to which no motion leads. Canonical plans stay as
+    they are, so that they can be learned.
+    """
+    if isinstance(found, Solution):
+        if found.bound is None:
+            return found
+        bound = problem.lower_bound(deadline=deadline)
+        found = replace(found, bound=bound)
+        is_best = bound.picks is None or bound.least >= found.picks
+    else:
+        is_best = not found.cause.lies_in_grasps or problem.lower_bound(deadline=deadline).picks is None
+    if is_best or problem.workspace.canonical:
+        return found
+    outcome, _ = _attempt(problem.closer, strategy, task_planner, rng, deadline, None)
+    if not isinstance(outcome, Solution):
+        return found
+    best = best_outcome([found, outcome], True, deadline)
+    return replace(best, bound=problem.lower_bound(deadline=deadline)) if best is outcome else found
 
 
 def is_final(outcome: Solution | Infeasible, near_home: bool) -> bool:

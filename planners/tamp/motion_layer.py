@@ -185,7 +185,7 @@ class MotionLayer:
 
     def lower_bound(self, problem: Problem) -> LowerBound:
         """Lower bound of the picks for a problem. The grasps computed for it are kept."""
-        found = problem.lower_bound(deadline=self.deadline)
+        found = problem.first_bound(deadline=self.deadline)
         self.candidates.learn(problem.candidates)
         return found
 

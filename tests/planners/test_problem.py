@@ -155,3 +155,51 @@ def test_what_has_sunk_into_furniture_that_is_no_support_is_taken_all_the_same()
     scene = table_scene(sunk)
     found = PLANNER.solve(replace(scene, static_obstacles=(*scene.static_obstacles, mat)), "can")
     assert isinstance(found, Solution), found
+
+
+CLOSER = [(20, 5, "object_05"), (15, 4, "object_11"), (15, 4, "object_01")]
+"""Random scenes and targets that take fewer picks from base poses that are not among the first that are sampled."""
+
+
+@pytest.mark.parametrize(("objects", "seed", "target"), CLOSER)
+def test_a_plan_that_more_base_poses_make_shorter_is_found_and_the_bound_says_so(
+    objects: int, seed: int, target: str
+) -> None:
+    scene = random_scene(objects, seed)
+    problem = PLANNER.problem(scene, target)
+    first, bound, plan = problem.first_bound(), problem.lower_bound(), PLANNER.solve_problem(problem)
+    assert isinstance(plan, Solution)
+    assert first.picks is not None
+    assert bound.picks is not None
+    assert bound.picks < first.picks, "else this scene shows nothing"
+    assert plan.picks == bound.picks == PLANNER.lower_bound(scene, target).picks
+    assert bound.picks == (PLANNER.clearance_floor(scene, target).count or 0) + 1
+    assert plan.bound == bound
+
+
+def test_looking_closely_never_makes_a_bound_higher_nor_a_plan_longer() -> None:
+    for name in SCENE.names:
+        problem = PLANNER.problem(SCENE, name)
+        first, bound = problem.first_bound(), problem.lower_bound()
+        assert first.picks is None or (bound.picks is not None and bound.picks <= first.picks)
+        assert bound.picks is None or bound.least <= bound.picks
+
+
+def test_a_grasp_that_many_base_poses_find_but_no_motion_reaches_leaves_the_first_plan() -> None:
+    # 20 objects, seed 5: the bound of object_03 is one pick, and no motion leads to that grasp.
+    problem = PLANNER.problem(random_scene(20, 5), "object_03")
+    first, bound, plan = problem.first_bound(), problem.lower_bound(), PLANNER.solve_problem(problem)
+    assert isinstance(plan, Solution)
+    assert (bound.picks, plan.picks) == (1, first.picks)
+    assert plan.bound is not None
+    assert plan.bound.least == 1
+
+
+def test_canonical_plans_are_those_of_the_first_base_poses() -> None:
+    planner = replace(PLANNER, canonical=True)
+    plans = [planner.solve(random_scene(20, 5), "object_05", rng=seed) for seed in (0, 1)]
+    assert isinstance(plans[0], Solution)
+    assert isinstance(plans[1], Solution)
+    assert same_motions(plans[0], plans[1])
+    assert plans[0].bound is not None
+    assert plans[0].bound.least <= plans[0].picks
