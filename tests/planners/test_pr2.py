@@ -76,7 +76,7 @@ def test_plans_are_free_of_penetration_in_mujoco(scene: Scene) -> None:
 @pytest.mark.slow
 def test_an_episode_with_clearances_succeeds() -> None:
     env = gym.make("clutter_env/Retrieve-o15-v0", robot="pr2")
-    _, info = env.reset(seed=11)
+    _, info = env.reset(seed=22)
     expert = TampExpert(env, grasps="side", config=ExpertConfig(with_floor=False))
     expert.reset(info["target"])
     assert play(env, expert)["is_success"], expert.report
