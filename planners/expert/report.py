@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from planners.contact import contacts
 from planners.expert.interfaces import ControlledEnv
+from planners.grasping.families import Family
+from planners.scene import Scene
 from planners.tamp.solution import Infeasible, Solution, html_table
 
 
@@ -98,10 +100,19 @@ class EpisodeReport:
 
 
 class Solve(NamedTuple):
-    """Result of a solve, and the time [s] in the episode at which it was made, or the report of a search."""
+    """Result of a solve, and what it was made from.
+
+    Attributes:
+        time: time [s] in the episode at which it was made.
+        outcome: the result, or the report of a search.
+        scene: the scene that was planned for. None if unknown.
+        grasps: the grasp set that was planned with, () if unknown.
+    """
 
     time: float
     outcome: Any
+    scene: Scene | None = None
+    grasps: tuple[Family, ...] = ()
 
 
 class Note(NamedTuple):
@@ -171,9 +182,9 @@ class Recorder:
         """Keep the state before a control step, with action and phase."""
         self._frames.append(self._frame(action, phase))
 
-    def add_solve(self, outcome: Any) -> None:
-        """Keep the result of a solve, or the report of a search, which may grow later."""
-        self._solves.append(Solve(self._now, outcome))
+    def add_solve(self, outcome: Any, scene: Scene | None = None, grasps: tuple[Family, ...] = ()) -> None:
+        """Keep the result of a solve, or the report of a search, which may grow later. See `Solve`."""
+        self._solves.append(Solve(self._now, outcome, scene, grasps))
 
     def add_note(self, text: str) -> None:
         """Keep a deviation."""

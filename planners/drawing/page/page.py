@@ -80,7 +80,8 @@ def plan_recording(plan: Solution) -> Recording:
         if body == "world" or body.startswith(OPENING):
             model.geom_rgba[geom] = _SUPPORT if name.rpartition("/")[2] in first.supports[:1] else _OTHER
     names = tuple(OBJECT + body.name for body in first.objects)
-    return Recording(model, plan.target, names, tuple(_frames(plan, model)), (Solve(0.0, plan),))
+    solve = Solve(0.0, plan, first, plan.grasps)
+    return Recording(model, plan.target, names, tuple(_frames(plan, model)), (solve,))
 
 
 def _frames(plan: Solution, model: mujoco.MjModel) -> Iterator[Frame]:
