@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -20,10 +20,12 @@ from planners.drawing.choices import swept_by
 from planners.grasping.arm_configurations import gripper_hits
 from planners.grasping.candidates import GraspCandidate, GraspCandidates, GraspsOfPose
 from planners.grasping.families import Family
+from planners.motion.arm import tcp_pose
 from planners.placing.locations import placement_grid
 from planners.placing.negative_goal_region import Mask, SupportGrid, footprint_mask, is_free, negative_goal_region
 from planners.placing.surfaces import MARGIN, static_mask
 from planners.scene import FLOOR, Scene, StaticObstacle
+from planners.scene.cover import needs_drive
 from planners.scene.masks import STATIC_BIT
 from planners.scene.moving import without_pull
 from planners.tamp.solution import BoundAction, Solution
@@ -31,13 +33,13 @@ from planners.workspace import Workspace
 
 Array = NDArray[np.float64]
 Part: TypeAlias = Literal["hand", "arm", "way out", "on it"]
-"""What a blocker is hit by: the hand, the rest of the robot, the drive out under a shelf; or it stands on the object."""
+"""What a blocker is hit by: the hand, the rest of the robot, the drive out under a shelf; or it stands on it."""
 _NEAR = 0.4
 """Range [m] around the TCP for static obstacles that the hand may touch."""
 _EXPANSIONS = 300
 """Search nodes for the cost of one way. Its proof takes some tens in a scene of 15 objects."""
-_SAME_POSE = math.radians(1.0)
-"""Difference [rad] of yaw or pitch below which two gripper poses are the same grasp."""
+_SAME_TURN, _SAME_PLACE = math.radians(1.0), 0.005
+"""Differences [rad] of yaw or pitch, and [m] of the position, below which two gripper poses are the same grasp."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,54 +103,77 @@ class ObjectAnswer:
         name: name of the object.
         grasps: one for each gripper pose and arm.
         ways: the ways to take it, by the names of the blockers, cheapest first.
+        taken: index of the grasp by which a plan takes it. None if it does not.
     """
 
     name: str
     grasps: tuple[GraspAnswer, ...]
-    ways: tuple[Way, ...] = field(default=())
+    ways: tuple[Way, ...]
+    taken: int | None = None
 
 
-def why_grasps(scene: Scene, families: Sequence[Family]) -> tuple[ObjectAnswer, ...]:
+def why_grasps(scene: Scene, families: Sequence[Family], plan: Solution | None = None) -> tuple[ObjectAnswer, ...]:
     """Find what is in the way of every grasp of every object, and what each way to take it costs.
 
     Args:
         scene: the scene. What is held is left out.
         families: the grasp set.
+        plan: a plan made for the scene. The gripper poses that it takes objects by are shown with its own base poses
+            and arm configurations, which may hit other objects than the best ones.
     """
     scene = without_pull(scene)
     workspace = Workspace.of(scene.robot, scene, grasps=tuple(families))
-    candidates, hands = workspace.grasps(), _Hands(scene)
+    candidates, hands = workspace.grasps(), _Hands()
+    picks = {} if plan is None else _first_picks(plan)
     found = []
     for name in scene.names:
         if name not in scene.held_names:
-            every = tuple(candidates.by_gripper_pose(scene, name))
+            every = list(candidates.by_gripper_pose(scene, name))
+            taken = _take(every, candidates, scene, picks[name]) if name in picks else None
             masks = {grasp.blockers for one in every for grasp in one.grasps}
             grasps = tuple(_answer(candidates, hands, name, one) for one in every)
-            found.append(ObjectAnswer(name, grasps, _ways(candidates, scene, name, masks)))
+            found.append(ObjectAnswer(name, grasps, _ways(candidates, scene, name, masks), taken))
     return tuple(found)
 
 
-def taken_by(plan: Solution, answers: Sequence[ObjectAnswer]) -> dict[str, int]:
-    """Index of the grasp that a plan takes each object by at its first pick, by its name.
+def _first_picks(plan: Solution) -> dict[str, BoundAction]:
+    """First pick of each object that a plan takes, by its name."""
+    picks = [action for action in plan.actions if action.name == "PickUp" and action.grip is not None]
+    return {action.target: action for action in reversed(picks)}
 
-    Objects that a plan takes by another grasp than those of the answers are left out.
-    """
-    by_name, found = {one.name: one for one in answers}, dict[str, int]()
-    for action in plan.actions:
-        if action.name != "PickUp" or action.grip is None or action.target in found or action.target not in by_name:
-            continue
-        _, held = action.grip
-        T = action.scene.body(held.name).pose @ np.linalg.inv(held.T_tcp_object)
-        yaw, pitch = math.atan2(-T[0, 1], T[1, 1]), math.atan2(-T[2, 0], T[2, 2])
-        away = [
-            max(abs(math.remainder(yaw - one.pose[3], 2 * math.pi)), abs(pitch - one.pose[4]))
-            + 10.0 * (one.arm != action.scene.robot.arm_name)
-            + float(np.linalg.norm(one.pose[:3] - T[:3, 3]))
-            for one in by_name[action.target].grasps
-        ]
-        if away and min(away) < _SAME_POSE:
-            found[action.target] = int(np.argmin(away))
-    return found
+
+def _take(every: list[GraspsOfPose], candidates: GraspCandidates, scene: Scene, pick: BoundAction) -> int:
+    """Put the grasp of a pick in the place of the grasps with its gripper pose, or last. Return its index."""
+    assert pick.grip is not None
+    (state, _), view, name = pick.grip, scene.using(pick.scene.robot.arm_name), pick.target
+    T = tcp_pose(view.robot, state)
+    pose = np.array([*T[:3, 3], math.atan2(-T[0, 1], T[1, 1]), math.atan2(-T[2, 0], T[2, 2])])
+    turns = [np.abs(np.remainder(one.pose[3:] - pose[3:] + np.pi, 2 * np.pi) - np.pi).max() for one in every]
+    away = [
+        math.inf
+        if one.scene.robot.arm_name != view.robot.arm_name
+        else max(float(turn) / _SAME_TURN, float(np.abs(one.pose[:3] - pose[:3]).max()) / _SAME_PLACE)
+        for one, turn in zip(every, turns, strict=True)
+    ]
+    index = int(np.argmin(away)) if away and min(away) < 1.0 else len(every)
+    opening = every[index].opening if index < len(every) else view.robot.opening(state.finger_position)
+    own = GraspCandidate(
+        name,
+        state.base,
+        state.q,
+        float(pose[3]),
+        float(pose[4]),
+        opening,
+        0,
+        0.0,
+        needs_drive(view, view.body(name).foot),
+        view.robot.arm_name,
+    )
+    among = scene.mask(scene.names) & ~scene.mask({name, *scene.held_names})
+    on_it = objects_on(candidates.compiled.world(view), name)
+    own = replace(own, blockers=int(candidates.hits_among(view, name, [own], among)[0]) & among | on_it)
+    every[index : index + 1] = [GraspsOfPose(view, pose, opening, (own,))]
+    return index
 
 
 def _answer(candidates: GraspCandidates, hands: _Hands, name: str, found: GraspsOfPose) -> GraspAnswer:
@@ -189,8 +214,7 @@ def _ways(candidates: GraspCandidates, scene: Scene, name: str, masks: Collectio
 class _Hands:
     """Static obstacles that a hand touches, each tested by itself."""
 
-    def __init__(self, scene: Scene) -> None:
-        self._scene = scene
+    def __init__(self) -> None:
         self._worlds: dict[tuple[str, str], CollisionWorld] = {}
 
     def furniture(self, scene: Scene, pose: Array, opening: float) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from planners.contact import Contact, contact_of
 from planners.drawing.choices import ClearancePicture, DrawnSurface, choices_of
-from planners.drawing.why import GraspAnswer, ObjectAnswer, PlaceAnswer, taken_by, why_grasps, why_places
+from planners.drawing.why import GraspAnswer, ObjectAnswer, PlaceAnswer, why_grasps, why_places
 from planners.expert.report import Frame, Note, Recording, Solve
 from planners.grasping.base_placement import Placer, placer_of
 from planners.grasping.families import grasp_set_name
@@ -253,17 +253,16 @@ def _plan(plan: Solution, arrays: ArrayBlock) -> dict[str, Any]:
 
 def _why(solve: Solve, scene: Scene) -> dict[str, Any]:
     """What refuses each grasp of each object where it stands before the plan, and what each way to take it costs."""
-    answers = why_grasps(scene, solve.grasps)
-    taken = taken_by(solve.outcome, answers) if isinstance(solve.outcome, Solution) else {}
+    answers = why_grasps(scene, solve.grasps, solve.outcome if isinstance(solve.outcome, Solution) else None)
     front = float(np.arctan2(*(scene.support.position[:2] - scene.state.base[:2])[::-1]))
     return {
         "grasps": grasp_set_name(solve.grasps),
         "front": round(front, 3),
-        "objects": [_object_why(answer, taken.get(answer.name, -1)) for answer in answers],
+        "objects": [_object_why(answer) for answer in answers],
     }
 
 
-def _object_why(answer: ObjectAnswer, taken: int) -> dict[str, Any]:
+def _object_why(answer: ObjectAnswer) -> dict[str, Any]:
     """Grasps of an object as rows of those with the same answer, the cheapest first, and the row of each grasp."""
     cost = {frozenset(way.blockers): way for way in answer.ways}
     rows: dict[Any, dict[str, Any]] = {}
@@ -284,13 +283,16 @@ def _object_why(answer: ObjectAnswer, taken: int) -> dict[str, Any]:
         "name": answer.name,
         "rows": [rows[key] for key in order],
         "grasps": [[*pose, order.index(key)] for pose, key in zip(poses, of_grasp, strict=True)],
-        "taken": taken,
+        "taken": -1 if answer.taken is None else answer.taken,
     }
 
 
 def _row(one: GraspAnswer) -> dict[str, Any]:
     if one.grasp is None:
-        return {"state": "furniture" if one.furniture else "unreached", "by": [[name, "hand"] for name in one.furniture]}
+        return {
+            "state": "furniture" if one.furniture else "unreached",
+            "by": [[name, "hand"] for name in one.furniture],
+        }
     if not one.blockers:
         return {"state": "free", "by": []}
     return {"state": "blocked", "by": [[blocker.name, blocker.part] for blocker in one.blockers]}

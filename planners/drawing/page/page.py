@@ -20,7 +20,20 @@ from planners.scene import Body, Pull, RobotState, Scene
 from planners.scene.moving import carried_by, moved, without_pull
 from planners.tamp.solution import Solution
 
-_SCRIPTS = ("matrix", "shapes", "renderer", "data", "marks", "scene", "camera", "timeline", "panel", "page")
+_SCRIPTS = (
+    "matrix",
+    "shapes",
+    "renderer",
+    "data",
+    "marks",
+    "picking",
+    "scene",
+    "camera",
+    "timeline",
+    "panel",
+    "why",
+    "page",
+)
 """Scripts in their order on the page: each uses those before it."""
 _SUPPORT, _OTHER = (0.80, 0.68, 0.53, 1.0), (0.86, 0.87, 0.88, 1.0)
 """Colours of supports and of other static obstacles."""

@@ -10,12 +10,13 @@ async function start() {
   const recording = new Recording(message);
   const target = content.target.split("/").pop();
   let wanted = false;
-  let scene, camera, panel, timeline;
+  let scene, camera, panel, timeline, why;
   const draw = () => {
     wanted = false;
     const span = recording.spanAt(timeline.time);
     panel.show(span, recording.phase[recording.frameAt(timeline.time)]);
-    scene?.draw(timeline.time, camera);
+    why.show(span, choiceAt(recording, span));
+    scene?.draw(timeline.time, camera, why);
     document.body.dataset.time = timeline.time.toFixed(2);
     document.body.dataset.draws = Number(document.body.dataset.draws || 0) + 1;
   };
@@ -27,6 +28,7 @@ async function start() {
   timeline = new Timeline(document.getElementById("timeline"), recording, Boolean(address), changed);
   timeline.target = target;
   panel = new Panel(recording, timeline, target);
+  why = new Why(recording, changed);
   const showResult = (result, rows) => {
     document.getElementById("result").textContent = RESULTS[result] || "";
     document.getElementById("result").className = result;
@@ -45,6 +47,11 @@ async function start() {
     scene = new SceneView(canvas, document.getElementById("labels"), message, recording);
     camera = new Camera(canvas, changed);
     controls(scene, camera, changed);
+    onClick(canvas, (x, y) => {
+      const found = scene.under(camera.ray(x, y), timeline.time);
+      why.choose(found?.object ? { name: found.object } : found?.isFixed ? { point: found.point } : null);
+      if (why.chosen) document.querySelector("#why h2").scrollIntoView({ block: "nearest" });
+    });
   } catch (error) {
     document.getElementById("problem").textContent = error.message;
     document.getElementById("problem").hidden = false;
