@@ -112,7 +112,9 @@ class ObjectAnswer:
     taken: int | None = None
 
 
-def why_grasps(scene: Scene, families: Sequence[Family], plan: Solution | None = None) -> tuple[ObjectAnswer, ...]:
+def why_grasps(
+    scene: Scene, families: Sequence[Family], plan: Solution | None = None, names: Collection[str] | None = None
+) -> tuple[ObjectAnswer, ...]:
     """Find what is in the way of every grasp of every object, and what each way to take it costs.
 
     Args:
@@ -120,6 +122,7 @@ def why_grasps(scene: Scene, families: Sequence[Family], plan: Solution | None =
         families: the grasp set.
         plan: a plan made for the scene. The gripper poses that it takes objects by are shown with its own base poses
             and arm configurations, which may hit other objects than the best ones.
+        names: names of the objects to answer for. None for all.
     """
     scene = without_pull(scene)
     workspace = Workspace.of(scene.robot, scene, grasps=tuple(families))
@@ -127,7 +130,7 @@ def why_grasps(scene: Scene, families: Sequence[Family], plan: Solution | None =
     picks = {} if plan is None else _first_picks(plan)
     found = []
     for name in scene.names:
-        if name not in scene.held_names:
+        if name not in scene.held_names and (names is None or name in names):
             every = list(candidates.by_gripper_pose(scene, name))
             taken = _take(every, candidates, scene, picks[name]) if name in picks else None
             masks = {grasp.blockers for one in every for grasp in one.grasps}

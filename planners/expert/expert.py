@@ -216,6 +216,12 @@ class TampExpert:
         return self._actor.phase
 
     @property
+    def action(self) -> int:
+        """Index of the plan's present action. -1 while the robot waits."""
+        self._check_begun("action")
+        return -1 if self._actor.executor is None else self._actor.executor.action
+
+    @property
     def step_label(self) -> StepLabel:
         """Label of the last action: phase, grasp or release, and the keyframe at the end of the phase."""
         self._check_begun("step_label")

@@ -32,6 +32,7 @@ _SCRIPTS = (
     "timeline",
     "panel",
     "why",
+    "hand",
     "page",
 )
 """Scripts in their order on the page: each uses those before it."""
@@ -50,16 +51,18 @@ def episode_title(recording: Recording) -> str:
     return f"{recording.target} out of {len(recording.objects)} objects".removeprefix(" out of ")
 
 
-def page_html(title: str, content: str, address: str = "") -> str:
+def page_html(title: str, content: str, address: str = "", moves: str = "") -> str:
     """Page of a JSON text, as from `ArrayBlock.text`.
 
-    `address` is the address of the events of a running episode, on the page's own server, "" for none.
+    `address` is the address of the events of a running episode, on the page's own server, "" for none. `moves` is that
+    to which a person's moves are sent, "" where the page only shows.
     """
     folder = files(__package__) / "static"
     scripts = "\n".join((folder / f"{name}.js").read_text(encoding="utf-8") for name in _SCRIPTS)
     parts = {
         "TITLE": html.escape(title),
         "ADDRESS": html.escape(address),
+        "MOVES": html.escape(moves),
         "CONNECT": "'self'" if address else "'none'",
         "STYLE": (folder / "page.css").read_text(encoding="utf-8"),
         "SCRIPT": scripts,

@@ -32,6 +32,7 @@ class Recording {
   // Append what a message holds.
   add({ content, array }) {
     if (content.frames) this.addFrames(content.frames, array);
+    if (!content.frames && !content.solves) return;
     for (const solve of content.solves || []) this.solves.push(this.readSolve(solve, array));
     if (content.notes) this.notes.push(...content.notes);
     this.findSpans();

@@ -29,6 +29,7 @@ async function start() {
   timeline.target = target;
   panel = new Panel(recording, timeline, target);
   why = new Why(recording, changed);
+  const hand = new Hand(document.body.dataset.moves);
   const showResult = (result, rows) => {
     document.getElementById("result").textContent = RESULTS[result] || "";
     document.getElementById("result").className = result;
@@ -49,6 +50,10 @@ async function start() {
     controls(scene, camera, changed);
     onClick(canvas, (x, y) => {
       const found = scene.under(camera.ray(x, y), timeline.time);
+      if (hand.isPlaying) {
+        hand.click(found);
+        return;
+      }
       why.choose(found?.object ? { name: found.object } : found?.isFixed ? { point: found.point } : null);
       if (why.chosen) document.querySelector("#why h2").scrollIntoView({ block: "nearest" });
     });
@@ -61,7 +66,7 @@ async function start() {
   showResult(content.result, content.rows);
   rebuild();
   new ResizeObserver(changed).observe(canvas);
-  if (address) listen(address, recording, rebuild, showResult);
+  if (address) listen(address, recording, rebuild, showResult, hand);
   const wishes = new URLSearchParams(location.hash.slice(1));
   if (wishes.has("view") && wishes.get("view") in VIEWS) camera?.show(wishes.get("view"));
   if (wishes.has("t")) timeline.seek(Number(wishes.get("t")) || 0);
@@ -82,13 +87,14 @@ function controls(scene, camera, changed) {
 }
 
 // Take in what the server of a running episode sends.
-function listen(address, recording, rebuild, showResult) {
+function listen(address, recording, rebuild, showResult, hand) {
   const events = new EventSource(address);
   let turn = Promise.resolve();
   events.onmessage = (event) => {
     turn = turn.then(async () => {
       const message = await decode(event.data);
       recording.add(message);
+      if (message.content.play) hand.show(message.content.play);
       if (message.content.rows) showResult(message.content.result, message.content.rows);
       if (message.content.result && message.content.result !== "running") events.close();
       rebuild();
