@@ -44,6 +44,7 @@ class Game:
         has_next: whether another scene follows.
         page: the page in the browser, once it is served.
         over: how the episode ended, "" while it goes on.
+        faces: of the supports: least and greatest x and y, and height [m] of each.
     """
 
     hand: ByHand
@@ -54,6 +55,7 @@ class Game:
     env: Any
     page: LivePage | None = None
     over: str = ""
+    faces: list[list[float]] = field(default_factory=list)
     _moves: queue.Queue[tuple[Move | None, Future[str]]] = field(default_factory=queue.Queue)
     _asked: Future[str] | None = None
     _is_busy: threading.Event = field(default_factory=threading.Event)
@@ -104,6 +106,7 @@ class Game:
         return {
             **self.shown(),
             "positions": {name: np.round(positions[k], 4).tolist() for k, name in enumerate(names)},
+            "faces": self.faces,
             "radii": {name: round(float(np.hypot(*half[k][:2])), 4) for k, name in enumerate(names)},
             "heights": {name: round(2 * float(half[k][2]), 4) for k, name in enumerate(names)},
         }
@@ -199,7 +202,7 @@ def _play(
         """Serve the page once the episode has begun, and send the news; not faster than the wanted speed."""
         nonlocal begun
         if game.page is None:
-            game.target, game.objects = inner.target, tuple(inner.world.names)
+            game.target, game.objects, game.faces = inner.target, tuple(inner.world.names), _faces(inner)
             game.page = LivePage(hand.recording, port, game)
             print(f"play at {game.page.address}", flush=True)
             return
@@ -219,6 +222,15 @@ def _play(
     return score, hand, own
 
 
+def _faces(inner: Any) -> list[list[float]]:
+    """Least and greatest x and y, and height [m] of each support of an environment."""
+    from planners import Scene as PlannerScene
+
+    scene = PlannerScene.from_mujoco(inner.model, inner.data, inner.robot)
+    tops = map(scene.support_named, scene.supports)
+    return [[float(v) for v in (one.lower[0], one.upper[0], one.lower[1], one.upper[1], one.top)] for one in tops]
+
+
 def _demonstrations(scenes: SceneSet, human: Human, evaluation: Evaluation, folder: Path) -> list[Path]:
     """Write the clean successes as demonstrations, if they replay bit for bit in a new process."""
     written = []
@@ -230,7 +242,8 @@ def _demonstrations(scenes: SceneSet, human: Human, evaluation: Evaluation, fold
         try:
             options = getattr(scene, "options", None)
             one = Human([human.episodes[index]], human.grasps)
-            episode = record(task, env, one, scene.seed, options)
+            # A person is an expert of its own kind.
+            episode = record(task, env, one, scene.seed, options)  # type: ignore[arg-type]  # see `experts.Expert`
         finally:
             env.close()
         folder.mkdir(parents=True, exist_ok=True)

@@ -129,7 +129,7 @@ class ByHand:
         return self._expert.phase if self._is_moving else ""
 
     def act(self, observation: Any) -> NDArray[Any]:  # noqa: ARG002  it reads the simulation
-        """The next action of a motion. Between motions the next move is asked for, while the simulation stands still."""
+        """The next action of a motion. Between motions the next move is asked for, and the simulation waits."""
         while not self._is_moving and not self._rest and not self.done:
             self._decide()
         self._recorder.add_frame(*((self._expert.action, self._expert.phase) if self._is_moving else ()))
@@ -266,11 +266,9 @@ def _take(scene: Scene, move: Take, grasps: str) -> tuple[str, Goal | None]:
         return "", holding(name)
     possible = [way for way in answer.ways if way.moves is not None]
     if possible:
-        in_way = listed(possible[0].blockers)
-        return (
-            f"{name} cannot be taken yet: {in_way} {_be(possible[0].blockers)} in the way of its easiest grasp.",
-            None,
-        )
+        names = possible[0].blockers
+        be = "is" if len(names) == 1 else "are"
+        return f"{name} cannot be taken yet: {listed(names)} {be} in the way of its easiest grasp.", None
     if answer.ways:
         return f"{name} cannot be taken: {listed(answer.ways[0].blockers)} would have to go first, and cannot.", None
     furniture = sorted({one for grasp in answer.grasps for one in grasp.furniture})
@@ -295,17 +293,12 @@ def _put(scene: Scene, move: Put) -> tuple[str, Goal | None]:
         and float(np.hypot(*(other.position[:2] - (move.x, move.y)))) < other.radius + body.radius + _STAND_OFF
     ]
     if near:
-        return (
-            f"{body.name} does not fit there: {listed(near)} {'stands' if len(near) == 1 else 'stand'} too near.",
-            None,
-        )
-    return "", Goal((At(body.name, move.x, move.y),))
+        stand = "stands" if len(near) == 1 else "stand"
+        return f"{body.name} does not fit there: {listed(near)} {stand} too near.", None
+    z = move.z + (body.top - body.bottom) / 2 if len(scene.supports) > 1 else None
+    return "", Goal((At(body.name, move.x, move.y, z=z),))
 
 
 def _moved_besides(found: Solution, own: str) -> list[str]:
     """Names of objects other than one that a plan takes."""
     return [name for name in dict.fromkeys(one.target for one in found.actions if one.name == "PickUp") if name != own]
-
-
-def _be(names: Sequence[str]) -> str:
-    return "is" if len(names) == 1 else "are"

@@ -6,7 +6,6 @@ import http.client
 import json
 import threading
 import time
-from collections.abc import Iterator
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any
@@ -52,7 +51,7 @@ class Player:
 
 
 @pytest.fixture(scope="module")
-def game(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[dict[str, Any], Played, Path]]:
+def game(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Played, Path]:
     folder = tmp_path_factory.mktemp("human")
     scenes = SceneSet(env_id="clutter_env/Retrieve-o15-v0", obstructed=True, count=1, first_seed=SEED)
     port, seen, problems = _free_port(), dict[str, Any](), list[BaseException]()
@@ -72,7 +71,7 @@ def game(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[dict[str, A
     thread.join(PATIENCE_S)
     if problems:
         raise problems[0]
-    yield seen, played, file
+    return seen, played, file
 
 
 def _play(player: Player, seen: dict[str, Any]) -> None:
