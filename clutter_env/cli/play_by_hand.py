@@ -127,6 +127,13 @@ class Game:
             "next": self.has_next,
         }
 
+    def end(self) -> None:
+        """Say that the episode is over, and refuse the moves that wait."""
+        self.over = self.over or "The command has ended with an error."
+        while not self._moves.empty():
+            self._moves.get()[1].set_result(_OVER)
+        self.tell()
+
     def tell(self) -> None:
         """Send the state to the page."""
         if self.page is not None:
@@ -208,18 +215,21 @@ def _play(
             return
         game.page.update(hand.recording)
         if speed > 0:
-            begun = max(begun + inner.dt / speed, time.perf_counter() - 1.0)
+            begun = max(begun + 1 / (env.metadata["render_fps"] * speed), time.perf_counter() - 1.0)
             time.sleep(max(begun - time.perf_counter(), 0.0))
 
-    score = play_scene(scene, env, hand, watch=watch)
-    assert game.page is not None
-    game.over = _line(score, hand.moves, floor)
-    game.tell()
-    rows = {"result": game.over, "simulated time": f"{score.sim_s:.1f} s", "objects fallen": str(score.fallen)}
-    game.page.finish(hand.recording, rows, "success" if score.clean else "failure")
-    own = int(game.page.address.rstrip("/").rpartition(":")[2])
-    game.page.close()
-    return score, hand, own
+    try:
+        score = play_scene(scene, env, hand, watch=watch)
+        assert game.page is not None
+        game.over = _line(score, hand.moves, floor)
+        rows = {"result": game.over, "simulated time": f"{score.sim_s:.1f} s", "objects fallen": str(score.fallen)}
+        game.end()
+        game.page.finish(hand.recording, rows, "success" if score.clean else "failure")
+        return score, hand, int(game.page.address.rstrip("/").rpartition(":")[2])
+    finally:
+        if game.page is not None:
+            game.end()
+            game.page.close()
 
 
 def _faces(inner: Any) -> list[list[float]]:

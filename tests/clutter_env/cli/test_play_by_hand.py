@@ -67,7 +67,7 @@ def game(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Play
     thread = threading.Thread(target=person)
     thread.start()
     file = folder / "human.json"
-    played = play_by_hand(scenes, grasps="side", port=port, speed=0.0, json_file=file, folder=folder / "demos")
+    played = play_by_hand(scenes, grasps="side", port=port, speed=100.0, json_file=file, folder=folder / "demos")
     thread.join(PATIENCE_S)
     if problems:
         raise problems[0]

@@ -9,6 +9,7 @@ class Hand {
     this.root = document.getElementById("hand");
     this.part = (name) => this.root.querySelector(`[data-part=${name}]`);
     this.root.hidden = !address;
+    if (address) document.getElementById("hint").textContent = "click: take or put · drag: turn · right drag: move · wheel: zoom";
     this.part("form").onsubmit = (event) => {
       event.preventDefault();
       this.send({ take: this.part("objects").value });

@@ -47,6 +47,7 @@ async function start() {
   try {
     scene = new SceneView(canvas, document.getElementById("labels"), message, recording);
     camera = new Camera(canvas, changed);
+    scene.layers.names ||= hand.isPlaying; // they stand in the refusals
     controls(scene, camera, changed);
     onClick(canvas, (x, y) => {
       const found = scene.under(camera.ray(x, y), timeline.time);
