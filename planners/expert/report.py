@@ -193,5 +193,9 @@ class Recorder:
     def recording(self) -> Recording:
         """Everything kept, and the present state."""
         is_later = not self._frames or self._now > self._frames[-1].time
-        frames = (*self._frames, *[self._frame()] * is_later)
+        last = self._frames[-1] if self._frames else None
+        # In the middle of an action the present state belongs to it.
+        goes_on = last is not None and last.solve == len(self._solves) - 1
+        present = self._frame(last.action, last.phase) if goes_on and last is not None else self._frame()
+        frames = (*self._frames, *[present] * is_later)
         return Recording(self._model, self._target, self._objects, frames, tuple(self._solves), tuple(self._notes))
