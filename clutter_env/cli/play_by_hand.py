@@ -23,7 +23,7 @@ from clutter_env.evaluation.score import Score, play_scene
 from clutter_env.evaluation.tables import results
 from clutter_env.policies.by_hand import ByHand, Human, Move, Put, Take
 from clutter_env.reporting.files import write_json
-from clutter_env.suites import Floor
+from clutter_env.suites import Floor, SuiteScene
 from clutter_env.task import Task
 
 if TYPE_CHECKING:
@@ -247,10 +247,10 @@ def _demonstrations(scenes: SceneSet, human: Human, evaluation: Evaluation, fold
     for index, (scene, score) in enumerate(zip(scenes.scenes, evaluation.scores, strict=True)):
         if not score.clean:
             continue
-        task, path = Task(scene.env_id, scene.keywords), folder / f"episode_{scene.seed:08d}.hdf5"
+        task, path = Task(scene.env_id, dict(scene.keywords)), folder / f"episode_{scene.seed:08d}.hdf5"
         env = scene.make(control_mode="joint")
         try:
-            options = getattr(scene, "options", None)
+            options = dict(scene.options) if isinstance(scene, SuiteScene) else None
             one = Human([human.episodes[index]], human.grasps)
             # A person is an expert of its own kind.
             episode = record(task, env, one, scene.seed, options)  # type: ignore[arg-type]  # see `experts.Expert`
