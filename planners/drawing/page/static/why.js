@@ -93,8 +93,9 @@ class Why {
     const parts = [element("h3", "", answer.name), element("p", "", this.role(solve, answer, why))];
     const blocks = this.blocks(answer.name, why);
     if (blocks.length) {
-      const some = blocks.slice(0, 4).map(([name, hits, all]) => `${hits} of ${all} grasps of ${shortName(name)}`);
-      parts.push(element("p", "", `It is in the way of ${listed(blocks.length > 4 ? [...some, `some of ${blocks.length - 4} other objects`] : some)}.`));
+      const most = blocks.length > 5 ? 4 : 5;
+      const some = blocks.slice(0, most).map(([name, hits, all]) => `${hits} of ${all} grasps of ${shortName(name)}`);
+      parts.push(element("p", "", `It is in the way of ${listed(blocks.length > most ? [...some, `some of ${blocks.length - most} other objects`] : some)}.`));
     }
     const fixed = count("furniture") + count("unreached");
     parts.push(element("p", "", answer.grasps.length
