@@ -4,12 +4,19 @@
     clutter-env play --policy my_policy:MyPolicy --objects 5 --film outputs/play
 
 "keyframes" is a trained policy that comes with the package.
+
+    clutter-env play --human --suite deep-15-v2
+
+With --human you play yourself, in a browser of this machine: click an object to take it, then a place to put it. The
+planner moves the arm, but clears nothing for you. The episode is written as a results file, which `clutter-env verify`
+confirms, and as a demonstration if it is a clean success.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 
 @dataclass(frozen=True)
@@ -33,10 +40,27 @@ class Arguments:
     film: Path | None = None
     """Write a film to this file, its ending is added; without it, a window, or on a machine without a display a film in
     outputs/play."""
+    human: bool = False
+    """Play yourself, in a browser of this machine. The options below are for this."""
+    suite: str = ""
+    """Play scenes of a suite, from its first one on; without it, of --objects, --layout and --seed."""
+    scenes: int = 1
+    """Number of scenes, one after the other."""
+    grasps: Literal["side", "all"] = "side"
+    """The grasps of your moves, and those that the proved minimum is for: level side grasps, or all."""
+    port: int = 0
+    """Port of the page on 127.0.0.1; 0 for a free one."""
+    speed: float = 3.0
+    """Simulated time per time; 0 for as fast as the machine can."""
+    json: Path | None = None
+    """The results file; without it, one in outputs/human."""
 
 
 def run(arguments: Arguments) -> None:
     """Play, and say how it ended."""
+    if arguments.human:
+        _run_human(arguments)
+        return
     from contextlib import closing
     from typing import Any
 
@@ -98,3 +122,36 @@ def run(arguments: Arguments) -> None:
         print(f"film: {film.save_film(path)}")
         film.close()
     env.close()
+
+
+def _run_human(arguments: Arguments) -> None:
+    """Let a person play, and say what was written."""
+    from clutter_env.cli.play_by_hand import play_by_hand
+    from clutter_env.errors import UsageError
+    from clutter_env.evaluation.scenes import SceneSet
+
+    if arguments.speed < 0:
+        raise UsageError(f"--speed {arguments.speed} is not valid; it must be at least 0")
+    if arguments.suite:
+        scenes = SceneSet(arguments.suite, count=arguments.scenes)
+    else:
+        scenes = SceneSet(
+            env_id=f"clutter_env/Retrieve-o{arguments.objects}-v0",
+            obstructed=arguments.obstructed,
+            layout=arguments.layout,
+            count=arguments.scenes,
+            first_seed=arguments.seed,
+        )
+    name = arguments.suite or f"o{arguments.objects}_{arguments.seed}"
+    file = arguments.json or Path("outputs/human") / f"{name}.json"
+    played = play_by_hand(
+        scenes,
+        grasps=arguments.grasps,
+        port=arguments.port,
+        speed=arguments.speed,
+        json_file=file,
+        folder=file.with_suffix(""),
+    )
+    for path in played.demonstrations:
+        print(f"demonstration: {path}")
+    print(f"results: {file}; confirm them with: clutter-env verify {file}")

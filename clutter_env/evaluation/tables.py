@@ -44,7 +44,7 @@ class Row:
     Attributes:
         scene_set: name of the scenes; see `SceneSet.name`.
         policy: its name.
-        track: "observations" or "privileged"; see `clutter_env.policies.protocol`.
+        track: "observations", "privileged" or "human"; see `clutter_env.policies.protocol`.
         runs: number of training seeds.
         episodes: number of episodes of all runs.
         clean: share of the episodes with success; see `Score.clean` and `success_interval`.

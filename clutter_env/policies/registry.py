@@ -132,7 +132,7 @@ class PolicyTraits:
     """Properties of a policy that an evaluation needs.
 
     Attributes:
-        track: "observations", or "privileged" for a policy that receives the environment.
+        track: "observations", "privileged" for a policy that receives the environment, or "human" for a person's moves.
         env_keywords: keyword arguments that it requires of the environment.
         acts_by_skills: whether it plays the Skill environment of the scenes.
         grasps: "side" or "all", by whose lower bounds its results are broken down.
@@ -157,7 +157,7 @@ class PolicyTraits:
         except (TypeError, OSError):  # defined in a shell
             file = ""
         return cls(
-            track="privileged" if getattr(policy, "is_privileged", False) else "observations",
+            track=track_of(policy),
             env_keywords=dict(getattr(policy, "env_keywords", {})),
             acts_by_skills=bool(getattr(policy, "acts_by_skills", False)),
             grasps=str(getattr(policy, "grasps", "all")),
@@ -170,7 +170,7 @@ class PolicyTraits:
         """Traits as reported by a policy's process. They are validated here (`PolicyError`)."""
         match values:
             case {
-                "track": "observations" | "privileged",
+                "track": "observations" | "privileged" | "human",
                 "env_keywords": dict(keywords),
                 "acts_by_skills": bool(),
                 "grasps": grasps,
@@ -187,6 +187,13 @@ class PolicyTraits:
     def place(self) -> str:
         """Its class and the file of that, for messages."""
         return f"{self.kind} in {self.file}" if self.file else self.kind
+
+
+def track_of(policy: AnyPolicy) -> str:
+    """Track of a policy: see `PolicyTraits`."""
+    if getattr(policy, "is_human", False):
+        return "human"
+    return "privileged" if getattr(policy, "is_privileged", False) else "observations"
 
 
 def policy_files(name: str, module_file: str = "") -> dict[str, str]:

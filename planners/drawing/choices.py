@@ -130,7 +130,7 @@ def last_picture(solution: Solution) -> ClearancePicture:
     if not solution.actions:
         raise ValueError("a plan without actions has nothing to draw")
     taken = solution.actions[-1]
-    scene, volume = taken.scene, _swept(taken)
+    scene, volume = taken.scene, swept_by(taken)
     last = scene.body(solution.clearances[-1] if solution.clearances else solution.target)
     put = next((action for action in solution.actions if action.surfaces), None)
     supports = [scene.support] if put is None else [surface.support for surface in put.surfaces]
@@ -190,7 +190,7 @@ def _choice(
     )
 
 
-def _swept(picked: BoundAction) -> SweptVolume:
+def swept_by(picked: BoundAction) -> SweptVolume:
     """Swept volume of a pick on its straight lines: of the robot, and from the lift on of the object too."""
     trajectory, world = picked.trajectory, CollisionWorld.from_scene(picked.scene)
     ends = [*(phase.start for phase in trajectory.phases[1:]), np.inf]

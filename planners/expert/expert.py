@@ -26,7 +26,7 @@ from planners.expert.interfaces import ScenePlanner, controlled_env, planner_for
 from planners.expert.report import EpisodeReport, Recorder, Recording
 from planners.expert.world import PerceivedWorld
 from planners.goals import Goal, GoalError, holding
-from planners.grasping.families import Grasps
+from planners.grasping.families import Grasps, find_grasp_set
 from planners.motion.tcp_following import ON_THE_WAY
 from planners.motion.trajectory import CONTROL_STEP
 from planners.placing.surfaces import Supports
@@ -216,6 +216,12 @@ class TampExpert:
         return self._actor.phase
 
     @property
+    def action(self) -> int:
+        """Index of the plan's present action. -1 while the robot waits."""
+        self._check_begun("action")
+        return -1 if self._actor.executor is None else self._actor.executor.action
+
+    @property
     def step_label(self) -> StepLabel:
         """Label of the last action: phase, grasp or release, and the keyframe at the end of the phase."""
         self._check_begun("step_label")
@@ -304,11 +310,13 @@ class TampExpert:
         """Solve the present scene, or a given one, and execute the plan."""
         before = time.process_time()
         try:
-            outcome = self._solved(read or self._world.scene())
+            scene = read or self._world.scene()
+            outcome = self._solved(scene)
         except (SceneError, GoalError) as error:
             return self._end(f"the scene is not valid for planning: {error}")
         self._solution = outcome
-        self._recorder.add_solve(outcome)
+        grasps = find_grasp_set(self._planner.grasps) if isinstance(self._planner, Planner) else ()
+        self._recorder.add_solve(outcome, scene, getattr(outcome, "grasps", ()) or grasps)
         self._report = self._report.with_solve(outcome, time.process_time() - before)
         if isinstance(outcome, Infeasible):
             return self._end(f"{outcome.cause}: {outcome.detail}")

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from planners.contact import contacts
 from planners.expert.interfaces import ControlledEnv
+from planners.grasping.families import Family
+from planners.scene import Scene
 from planners.tamp.solution import Infeasible, Solution, html_table
 
 
@@ -98,10 +100,19 @@ class EpisodeReport:
 
 
 class Solve(NamedTuple):
-    """Result of a solve, and the time [s] in the episode at which it was made, or the report of a search."""
+    """Result of a solve, and what it was made from.
+
+    Attributes:
+        time: time [s] in the episode at which it was made.
+        outcome: the result, or the report of a search.
+        scene: the scene that was planned for. None if unknown.
+        grasps: the grasp set that was planned with, () if unknown.
+    """
 
     time: float
     outcome: Any
+    scene: Scene | None = None
+    grasps: tuple[Family, ...] = ()
 
 
 class Note(NamedTuple):
@@ -171,9 +182,9 @@ class Recorder:
         """Keep the state before a control step, with action and phase."""
         self._frames.append(self._frame(action, phase))
 
-    def add_solve(self, outcome: Any) -> None:
-        """Keep the result of a solve, or the report of a search, which may grow later."""
-        self._solves.append(Solve(self._now, outcome))
+    def add_solve(self, outcome: Any, scene: Scene | None = None, grasps: tuple[Family, ...] = ()) -> None:
+        """Keep the result of a solve, or the report of a search, which may grow later. See `Solve`."""
+        self._solves.append(Solve(self._now, outcome, scene, grasps))
 
     def add_note(self, text: str) -> None:
         """Keep a deviation."""
@@ -182,5 +193,9 @@ class Recorder:
     def recording(self) -> Recording:
         """Everything kept, and the present state."""
         is_later = not self._frames or self._now > self._frames[-1].time
-        frames = (*self._frames, *[self._frame()] * is_later)
+        last = self._frames[-1] if self._frames else None
+        # In the middle of an action the present state belongs to it.
+        goes_on = last is not None and last.solve == len(self._solves) - 1
+        present = self._frame(last.action, last.phase) if goes_on and last is not None else self._frame()
+        frames = (*self._frames, *[present] * is_later)
         return Recording(self._model, self._target, self._objects, frames, tuple(self._solves), tuple(self._notes))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 import operator
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import NamedTuple, TypeAlias
@@ -152,6 +152,22 @@ def _key(scene: Scene, name: str) -> _Key:
     return scene.robot.arm_name, name, scene.body(name).pose.tobytes()
 
 
+class GraspsOfPose(NamedTuple):
+    """The grasps of an object with one gripper pose.
+
+    Attributes:
+        scene: the scene, with the arm active that grasps.
+        pose: (5,) TCP x, y, z [m], yaw and pitch [rad].
+        opening: of the gripper [m].
+        grasps: fewest blockers first, () if no base pose and arm configuration are free of static obstacles.
+    """
+
+    scene: Scene
+    pose: Array
+    opening: float
+    grasps: tuple[GraspCandidate, ...]
+
+
 @dataclass
 class GraspCandidates:
     """The grasps of a scene's objects, through every arm that acts, computed when first asked for.
@@ -215,6 +231,37 @@ class GraspCandidates:
                 known = known._replace(candidates=best_first((*known.candidates, *self._of_stage(view, body, stage))))
             self._known[key] = known._replace(unseen=())
         return self.for_object(scene, name)
+
+    def by_gripper_pose(self, scene: Scene, name: str) -> Iterator[GraspsOfPose]:
+        """Yield the grasps of that object for each gripper pose by itself, of the families that `for_object` looks at.
+
+        `for_object` leaves out a grasp that hits more than one of another gripper pose. Here it stands, so that it can
+        be said what is in its way. The base poses are the same.
+        """
+        self.for_object(scene, name)
+        for view in self._views_of(scene).values():
+            body, is_free = view.body(name), False
+            for stage in self._stages(view, body):
+                for wanted, opening in _wanted(self.compiled.world(view), body, stage.family):
+                    for pose, grasps in zip(wanted, self._for_each(view, body, wanted, opening, stage), strict=True):
+                        yield GraspsOfPose(view, pose, opening, best_first(grasps))
+                        is_free |= any(grasp.blockers == 0 for grasp in grasps)
+                if is_free:
+                    break
+
+    def _for_each(
+        self, scene: Scene, body: Body, wanted: Array, opening: float, stage: _Stage
+    ) -> list[list[GraspCandidate]]:
+        """The grasps of one stage for each gripper pose of (k, 5) by itself."""
+        placer, found = self.arms[scene.robot.arm_name], [list[GraspCandidate]() for _ in wanted]
+        for most in _MANY_BASES if stage.is_close else _BASES:
+            bases, index = facing_bases(placer, wanted, stage.turns) if stage.turns else placer.bases(wanted, most)
+            for k in range(len(wanted)):
+                poses = GripperPoses(np.ascontiguousarray(bases[index == k]), wanted[index[index == k]])
+                found[k] = self._scan(scene, body, poses, opening, stage) if len(poses.bases) else []
+            if stage.turns or any(found):
+                break
+        return found
 
     def from_base(self, scene: Scene, name: str, base: Array) -> tuple[GraspCandidate, ...]:
         """Grasps of that object from one base pose (3,), fewest blockers first; of each arm's first family."""

@@ -26,7 +26,7 @@ Array: TypeAlias = NDArray[np.float64]
 Supports: TypeAlias = Literal["all"] | Sequence[str] | None
 """Choice of supports: names, "floor" among them, "all" that the scene declares, or None for the first one alone."""
 
-_MARGIN = 0.006
+MARGIN = 0.006
 """Clearance [m] between the object put down and its surroundings."""
 _INSET = 1e-6
 """Shrinkage of obstacles [m], so that a wall flush with the edge of a table covers none of it."""
@@ -114,7 +114,7 @@ class Surface:
         grid = SupportGrid.over(support)
         beside = (other for other in scene.objects if other.bottom < support.top + height and other.top > support.top)
         standing = [other for other in beside if other.name != body.name]
-        occupied = footprint_mask(grid, standing, _MARGIN) | static_mask(scene, support, grid, height, _MARGIN)
+        occupied = footprint_mask(grid, standing, MARGIN) | static_mask(scene, support, grid, height, MARGIN)
         for region in (one for one in reserved if one.support == support.name):
             near = grid.cells_about(region.corners)
             occupied[near] |= region.contains_points(grid.centres(near))

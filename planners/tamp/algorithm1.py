@@ -72,7 +72,10 @@ def task_and_motion_plan(search: Search) -> Solution | Infeasible:
         return state
     actions, end = shorten_plan(search, state.scene), as_seen(state.scene)
     clearances = tuple(search.clearances)
-    return Solution(actions, clearances, search.stats(), search.target, search.strategy, search.goal, search.bound, end)
+    grasps = search.motion_layer.workspace.families
+    return Solution(
+        actions, clearances, search.stats(), search.target, search.strategy, search.goal, search.bound, end, grasps
+    )
 
 
 def initial_state(search: Search) -> PlanState | Infeasible:

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 FORMAT = "clutter-env plan"
-VERSION = 8
+VERSION = 9
 """Version of the format. It increases whenever the meaning of a stored value changes."""
-_OLDER = (2, 3, 4, 5, 6, 7)
+_OLDER = (2, 3, 4, 5, 6, 7, 8)
 """Older versions that can be read. Fields that they lack take their defaults."""
 _GONE = {"Strategy": ("second_moves", "non_monotone", "sets", "slack", "variations")}
 """Fields of older versions that no longer exist, by class."""

@@ -12,6 +12,7 @@ from typing import Any
 from planners.cause import Cause
 from planners.clearing.goal_bound import LowerBound
 from planners.goals import Goal
+from planners.grasping.families import Family
 from planners.motion.arm import tcp_pose
 from planners.motion.trajectory import Trajectory, is_contact
 from planners.placing.surfaces import Surface
@@ -145,6 +146,7 @@ class Solution(Stored):
         bound: lower bound of picks and pulls of handles together. Set for goals with places, and for a target if the
             strategy plans ahead.
         end: the scene at the end, held objects at their poses in the gripper. None in files of older versions.
+        grasps: the grasp set that the plan was chosen from. () in files of older versions.
     """
 
     actions: tuple[BoundAction, ...]
@@ -155,6 +157,7 @@ class Solution(Stored):
     goal: Goal | None = None
     bound: LowerBound | None = None
     end: Scene | None = None
+    grasps: tuple[Family, ...] = ()
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Solution) and is_same(self, other)

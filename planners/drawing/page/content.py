@@ -19,11 +19,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from planners.contact import Contact, contact_of
 from planners.drawing.choices import ClearancePicture, DrawnSurface, choices_of
+from planners.drawing.why import GraspAnswer, ObjectAnswer, PlaceAnswer, why_grasps, why_places
 from planners.expert.report import Frame, Note, Recording, Solve
 from planners.grasping.base_placement import Placer, placer_of
+from planners.grasping.families import grasp_set_name
 from planners.motion.arm import tcp_pose
 from planners.placing.negative_goal_region import SupportGrid
-from planners.scene import RobotState
+from planners.scene import RobotState, Scene
 from planners.search.report import SearchReport
 from planners.tamp.solution import BoundAction, Solution
 
@@ -110,6 +112,8 @@ def solve_values(solve: Solve, arrays: ArrayBlock) -> dict[str, Any]:
     if isinstance(outcome, SearchReport):
         return {"time": 0.0, "summary": outcome.failure, "history": [], "choices": [], **_search(outcome, arrays)}
     plan = _plan(outcome, arrays) if getattr(outcome, "actions", ()) else {"actions": [], "choices": []}
+    if solve.scene is not None and solve.grasps:
+        plan["why"] = arrays.add_values(_why(solve, solve.scene))
     history = [
         {"plan": list(turn.plan), "verified": turn.verified, "facts": list(turn.new_facts), "reason": turn.reason}
         for turn in outcome.stats.history
@@ -135,6 +139,10 @@ class ArrayBlock:
         place = {"at": len(self._bytes), "size": int(array.size), "type": dtype}
         self._bytes += array.tobytes()
         return place
+
+    def add_values(self, values: Any) -> dict[str, Any]:
+        """Add JSON values to the block, where they are compressed. Return their place in it."""
+        return self.add(np.frombuffer(json.dumps(values, separators=(",", ":")).encode(), np.uint8), "uint8")
 
     def text(self, content: Any) -> str:
         """JSON text of the content and all added arrays, without a "<" that could end the page's script element."""
@@ -237,8 +245,64 @@ def _plan(plan: Solution, arrays: ArrayBlock) -> dict[str, Any]:
         "clearances": list(plan.clearances),
         "base_radius": first.robot.base_radius,
         "actions": [_action(action, placers[action.scene.robot.arm_name], arrays) for action in plan.actions],
-        "choices": [_choice(choice, arrays) for choice in choices_of(plan)],
+        "choices": [
+            _choice(choice, places, arrays) for choice, places in zip(choices_of(plan), why_places(plan), strict=True)
+        ],
     }
+
+
+def _why(solve: Solve, scene: Scene) -> dict[str, Any]:
+    """What refuses each grasp of each object where it stands before the plan, and what each way to take it costs."""
+    answers = why_grasps(scene, solve.grasps, solve.outcome if isinstance(solve.outcome, Solution) else None)
+    front = float(np.arctan2(*(scene.support.position[:2] - scene.state.base[:2])[::-1]))
+    return {
+        "grasps": grasp_set_name(solve.grasps),
+        "front": round(front, 3),
+        "objects": [_object_why(answer) for answer in answers],
+    }
+
+
+def _object_why(answer: ObjectAnswer) -> dict[str, Any]:
+    """Grasps of an object as rows of those with the same answer, the cheapest first, and the row of each grasp."""
+    cost = {frozenset(way.blockers): way for way in answer.ways}
+    rows: dict[Any, dict[str, Any]] = {}
+    of_grasp = []
+    for one in answer.grasps:
+        row = _row(one)
+        of_grasp.append(key := json.dumps(row))
+        if row["state"] == "blocked":
+            way = cost[frozenset(name for name, _ in row["by"])]
+            row |= {"moves": way.moves, "first": list(way.first), "proved": way.proved}
+        rows.setdefault(key, row)
+    order = sorted(rows, key=lambda key: _worth(rows[key]))
+    poses = [
+        [round(1000 * float(value)) for value in one.pose[:3]] + [round(float(np.degrees(a)), 1) for a in one.pose[3:]]
+        for one in answer.grasps
+    ]
+    return {
+        "name": answer.name,
+        "rows": [rows[key] for key in order],
+        "grasps": [[*pose, order.index(key)] for pose, key in zip(poses, of_grasp, strict=True)],
+        "taken": -1 if answer.taken is None else answer.taken,
+    }
+
+
+def _row(one: GraspAnswer) -> dict[str, Any]:
+    if one.grasp is None:
+        return {
+            "state": "furniture" if one.furniture else "unreached",
+            "by": [[name, "hand"] for name in one.furniture],
+        }
+    if not one.blockers:
+        return {"state": "free", "by": []}
+    return {"state": "blocked", "by": [[blocker.name, blocker.part] for blocker in one.blockers]}
+
+
+def _worth(row: Mapping[str, Any]) -> tuple[int, float, int]:
+    """Sort key of a row: free, then blocked by its cost, then refused by what does not move."""
+    moves = row.get("moves")
+    rank = ("free", "blocked", "furniture", "unreached").index(row["state"])
+    return rank, math.inf if moves is None else moves, len(row["by"])
 
 
 def _search(report: SearchReport, arrays: ArrayBlock) -> dict[str, Any]:
@@ -279,14 +343,20 @@ def _bases(contact: Contact, placer: Placer) -> NDArray[np.float64]:
     return np.vstack((contact.base, found))
 
 
-def _choice(picture: ClearancePicture, arrays: ArrayBlock) -> dict[str, Any]:
+def _choice(picture: ClearancePicture, places: Sequence[PlaceAnswer], arrays: ArrayBlock) -> dict[str, Any]:
     allowed = {tuple(place) for place in picture.ordered}
-    refused = [place for place in picture.candidates if tuple(place) not in allowed]
+    rows = [row for row, place in enumerate(picture.candidates) if tuple(place) not in allowed]
+    refused, answers = picture.candidates[rows], [places[row] for row in rows]
+    reasons = list(dict.fromkeys(answers))
     return {
         "object": picture.moved,
         "surfaces": [_surface(surface, arrays) for surface in picture.surfaces],
         "ordered": arrays.add(_on_surfaces(picture.surfaces, picture.ordered)),
         "refused": arrays.add(_on_surfaces(picture.surfaces, refused)),
+        "refused_by": arrays.add([reasons.index(answer) for answer in answers], "int16"),
+        "reasons": [
+            {"standing": one.standing, "furniture": one.furniture, "off": one.off, "ways": one.ways} for one in reasons
+        ],
         "chosen": None if picture.chosen is None else [float(value) for value in picture.chosen],
         "radius": next(body.radius for body in picture.bodies if body.name == picture.moved),
     }

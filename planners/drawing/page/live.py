@@ -1,12 +1,16 @@
-"""A running episode in a browser: a server for this machine only sends states and plans as they come."""
+"""A running episode in a browser: a server for this machine only sends states and plans as they come.
+
+It can also take moves from the browser, for a person who plays.
+"""
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any
+from typing import Any, Protocol
 
 from planners.drawing.page.content import ArrayBlock, frame_values, moving_bodies, note_values, page_text, solve_values
 from planners.drawing.page.page import episode_title, page_html
@@ -14,11 +18,23 @@ from planners.expert.report import Recording
 
 _HOST = "127.0.0.1"
 """Local address: other machines cannot connect."""
-_EVENTS = "/events"
+_EVENTS, _MOVES, _STATE = "/events", "/moves", "/state"
+_LONGEST = 4096
+"""Most bytes of a move."""
 _FRAMES = 3
 """New frames that are sent together: 0.15 s of the episode."""
 _PATIENCE_S = 5.0
 """Time [s] that a browser may take to accept data. After it, the connection is closed."""
+
+
+class Player(Protocol):
+    """Takes the moves of a person, from other threads than that of the episode."""
+
+    def move(self, values: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Take a move, JSON values, and return the answer once it is known whether it is made."""
+
+    def state(self) -> Mapping[str, Any]:
+        """The present state of the game, JSON values."""
 
 
 class LivePage:
@@ -37,12 +53,19 @@ class LivePage:
         address: address of the page, on 127.0.0.1.
     """
 
-    def __init__(self, recording: Recording, port: int = 0) -> None:
-        """Start to serve the beginning of an episode at a port, 0 for a free one. Raises `OSError` if it is taken."""
+    def __init__(self, recording: Recording, port: int = 0, player: Player | None = None) -> None:
+        """Start to serve the beginning of an episode at a port, 0 for a free one.
+
+        With a `player`, the page takes moves: it sends them to "/moves", and "/state" has the state of the game.
+
+        Raises:
+            OSError: the port is taken.
+        """
         title = episode_title(recording)
         self._bodies = moving_bodies(recording.model)
         self._sent = recording
-        self._server = _Server(port, page_html(title, page_text(recording, title, {}, "running"), _EVENTS))
+        page = page_html(title, page_text(recording, title, {}, "running"), _EVENTS, _MOVES if player else "")
+        self._server = _Server(port, page, player)
         self.address = f"http://{_HOST}:{self._server.server_port}/"
         self._thread = threading.Thread(target=self._server.serve_forever, name="live page", daemon=True)
         self._thread.start()
@@ -53,6 +76,10 @@ class LivePage:
         is_news = len(recording.solves) > len(sent.solves) or len(recording.notes) > len(sent.notes)
         if is_news or len(recording.frames) >= len(sent.frames) + _FRAMES:
             self._send(recording)
+
+    def tell(self, play: Mapping[str, Any]) -> None:
+        """Send the state of a person's game."""
+        self._server.add(ArrayBlock().text({"play": play}))
 
     def finish(self, recording: Recording, rows: Mapping[str, str], result: str) -> None:
         """Send the rest and the report. Browsers continue to show the episode without this server."""
@@ -78,9 +105,9 @@ class _Server(ThreadingHTTPServer):
 
     daemon_threads = False
 
-    def __init__(self, port: int, page: str) -> None:
+    def __init__(self, port: int, page: str, player: Player | None) -> None:
         super().__init__((_HOST, port), _Handler)
-        self.page = page.encode()
+        self.page, self.player = page.encode(), player
         self._messages: list[str] = []
         self._has_ended = False
         self._changed = threading.Condition()
@@ -111,9 +138,10 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Answer with the page or with the messages."""
-        port = self.server.server_port
-        if self.headers.get("Host") not in (f"{_HOST}:{port}", f"localhost:{port}"):
+        if not self._is_own():
             self.send_error(HTTPStatus.FORBIDDEN)
+        elif self.path == _STATE and self.server.player is not None:
+            self._answer(self.server.player.state())
         elif self.path == "/":
             self._start("text/html; charset=utf-8")
             self.wfile.write(self.server.page)
@@ -122,6 +150,36 @@ class _Handler(BaseHTTPRequestHandler):
             self._send_messages()
         else:
             self.send_error(HTTPStatus.NOT_FOUND)
+
+    def do_POST(self) -> None:
+        """Take a move. A page of another origin can send no JSON here without asking, which is not answered."""
+        length = self.headers.get("Content-Length", "")
+        origin = self.headers.get("Origin")
+        is_own = self._is_own() and origin in (None, f"http://{self.headers.get('Host')}")
+        if not is_own or self.headers.get("Content-Type") != "application/json":
+            self.send_error(HTTPStatus.FORBIDDEN)
+        elif self.path != _MOVES or self.server.player is None:
+            self.send_error(HTTPStatus.NOT_FOUND)
+        elif not length.isdigit() or int(length) > _LONGEST:
+            self.send_error(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
+        else:
+            try:
+                values = json.loads(self.rfile.read(int(length)))
+            except ValueError:
+                values = None
+            if isinstance(values, dict):
+                self._answer(self.server.player.move(values))
+            else:
+                self.send_error(HTTPStatus.BAD_REQUEST)
+
+    def _is_own(self) -> bool:
+        """Whether the request names this machine."""
+        port = self.server.server_port
+        return self.headers.get("Host") in (f"{_HOST}:{port}", f"localhost:{port}")
+
+    def _answer(self, values: Mapping[str, Any]) -> None:
+        self._start("application/json")
+        self.wfile.write(json.dumps(values).encode())
 
     def log_message(self, format: str, *args: object) -> None:
         """Suppress the log of requests."""

@@ -20,7 +20,21 @@ from planners.scene import Body, Pull, RobotState, Scene
 from planners.scene.moving import carried_by, moved, without_pull
 from planners.tamp.solution import Solution
 
-_SCRIPTS = ("matrix", "shapes", "renderer", "data", "marks", "scene", "camera", "timeline", "panel", "page")
+_SCRIPTS = (
+    "matrix",
+    "shapes",
+    "renderer",
+    "data",
+    "marks",
+    "picking",
+    "scene",
+    "camera",
+    "timeline",
+    "panel",
+    "why",
+    "hand",
+    "page",
+)
 """Scripts in their order on the page: each uses those before it."""
 _SUPPORT, _OTHER = (0.80, 0.68, 0.53, 1.0), (0.86, 0.87, 0.88, 1.0)
 """Colours of supports and of other static obstacles."""
@@ -37,16 +51,18 @@ def episode_title(recording: Recording) -> str:
     return f"{recording.target} out of {len(recording.objects)} objects".removeprefix(" out of ")
 
 
-def page_html(title: str, content: str, address: str = "") -> str:
+def page_html(title: str, content: str, address: str = "", moves: str = "") -> str:
     """Page of a JSON text, as from `ArrayBlock.text`.
 
-    `address` is the address of the events of a running episode, on the page's own server, "" for none.
+    `address` is the address of the events of a running episode, on the page's own server, "" for none. `moves` is that
+    to which a person's moves are sent, "" where the page only shows.
     """
     folder = files(__package__) / "static"
     scripts = "\n".join((folder / f"{name}.js").read_text(encoding="utf-8") for name in _SCRIPTS)
     parts = {
         "TITLE": html.escape(title),
         "ADDRESS": html.escape(address),
+        "MOVES": html.escape(moves),
         "CONNECT": "'self'" if address else "'none'",
         "STYLE": (folder / "page.css").read_text(encoding="utf-8"),
         "SCRIPT": scripts,
@@ -80,7 +96,8 @@ def plan_recording(plan: Solution) -> Recording:
         if body == "world" or body.startswith(OPENING):
             model.geom_rgba[geom] = _SUPPORT if name.rpartition("/")[2] in first.supports[:1] else _OTHER
     names = tuple(OBJECT + body.name for body in first.objects)
-    return Recording(model, plan.target, names, tuple(_frames(plan, model)), (Solve(0.0, plan),))
+    solve = Solve(0.0, plan, first, plan.grasps)
+    return Recording(model, plan.target, names, tuple(_frames(plan, model)), (solve,))
 
 
 def _frames(plan: Solution, model: mujoco.MjModel) -> Iterator[Frame]:

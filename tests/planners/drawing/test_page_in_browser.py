@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -168,3 +169,105 @@ def test_a_running_episode_is_followed(browser: Browser, recording: Recording) -
     served.close()
     browser.wait(f"Math.abs({TIME} - {recording.frames[-1].time}) < 0.02")
     assert browser.problems == []
+
+
+def press(page: Browser, label: str) -> None:
+    """Click the object with this number in the scene."""
+    x, y = page.value(
+        f"(() => {{ const s = [...document.querySelectorAll('#labels span')].find((e) => e.textContent === '{label}'); "
+        "const b = s.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height + 5]; })()"
+    )
+    page.mouse("mousePressed", x, y)
+    page.mouse("mouseReleased", x, y)
+
+
+def test_a_click_on_an_object_or_a_place_says_why(page: Browser) -> None:
+    page.value("document.querySelector('[data-view=top]').click()")
+    before = picture(page)
+    target = solved().target
+    press(page, target.removeprefix("object_"))
+    page.wait("document.querySelector('#why h3')")
+    text = page.value("document.querySelector('#why [data-part=answer]').textContent")
+    assert target in text
+    assert "takes it" in text
+    assert f"taken, {len(solved().clearances)} to move" in text
+    assert changed(before, picture(page)) > 1e-4, "arrows of the grasps, and the blockers"
+    page.click("#why .way:not(.now)")
+    page.wait("document.querySelectorAll('#why .way.now').length === 1")
+    x, y = page.value(
+        "(() => { const b = document.getElementById('scene').getBoundingClientRect(); "
+        "return [b.x + b.width / 2, b.y + b.height / 2]; })()"
+    )
+    # A drag turns the camera and asks nothing.
+    page.mouse("mousePressed", x, y)
+    page.mouse("mouseMoved", x + 60, y)
+    page.mouse("mouseReleased", x + 60, y)
+    assert target in page.value("document.querySelector('#why h3').textContent")
+    page.value("document.querySelector('#why select').value = ''")
+    page.value("document.querySelector('#why select').onchange({target: {value: ''}})")
+    page.wait("!document.querySelector('#why h3')")
+    assert page.problems == []
+
+
+def test_places_say_why_they_are_refused(page: Browser) -> None:
+    page.value("document.querySelector('[data-view=top]').click()")
+    picture(page)
+    box = page.value(
+        "(() => { const b = document.getElementById('scene').getBoundingClientRect(); "
+        "return [b.x, b.y, b.width, b.height]; })()"
+    )
+    words = set()
+    for across in (0.3, 0.4, 0.5, 0.6, 0.7):
+        for down in (0.3, 0.4, 0.45, 0.5):
+            x, y = box[0] + across * box[2], box[1] + down * box[3]
+            page.mouse("mousePressed", x, y)
+            page.mouse("mouseReleased", x, y)
+            picture(page)
+            words.add(str(page.value("document.querySelector('#why [data-part=answer]').textContent")))
+    assert any("is allowed" in text for text in words), words
+    assert any("is refused" in text for text in words), words
+    assert page.problems == []
+
+
+class Listener:
+    """A person's game that refuses every move."""
+
+    def __init__(self) -> None:
+        self.moves: list[Mapping[str, Any]] = []
+
+    def move(self, values: Mapping[str, Any]) -> Mapping[str, Any]:
+        self.moves.append(values)
+        return {"refused": "Too heavy."}
+
+    def state(self) -> Mapping[str, Any]:
+        return {}
+
+
+def test_clicks_are_moves_where_a_person_plays(browser: Browser, recording: Recording) -> None:
+    player, target = Listener(), solved().target
+    served = LivePage(dataclasses.replace(recording, frames=recording.frames[:1], solves=()), player=player)
+    state = {"target": target, "objects": [target], "held": "", "moves": 1, "minimum": 2, "happened": "", "busy": ""}
+    try:
+        browser.problems.clear()
+        browser.open(served.address + "#view=top")
+        served.tell({**state, "over": "", "next": False})
+        browser.wait("document.querySelector('[data-part=count]').textContent === '1 moved · proved minimum 2'")
+        picture(browser)
+        press(browser, target.removeprefix("object_"))
+        browser.wait("document.querySelector('[data-part=refused]').textContent === 'Too heavy.'")
+        assert player.moves == [{"take": target}]
+        served.tell({**state, "held": target, "over": "", "next": False})
+        browser.wait("/Click a place/.test(document.querySelector('[data-part=now]').textContent)")
+        x, y = browser.value(
+            "(() => { const b = document.getElementById('scene').getBoundingClientRect(); "
+            "return [b.x + 0.5 * b.width, b.y + 0.4 * b.height]; })()"
+        )
+        browser.mouse("mousePressed", x, y)
+        browser.mouse("mouseReleased", x, y)
+        browser.wait("document.querySelector('[data-part=refused]').textContent === 'Too heavy.'")
+        assert [*player.moves[-1]] == ["put"]
+        served.tell({**state, "over": "Clean success.", "next": False})
+        browser.wait("document.querySelector('[data-part=now]').textContent === 'Clean success.'")
+        assert browser.problems == []
+    finally:
+        served.close()

@@ -73,10 +73,25 @@ class Camera {
     return { right, up: V.cross(back, right) };
   }
 
-  matrix() {
+  // Of the canvas, and the vertical angle that is seen. A high, narrow window shows as much as a wide one.
+  get shape() {
     const aspect = this.canvas.width / this.canvas.height;
-    // A high, narrow window shows as much as a wide one.
-    const angle = aspect < 1.2 ? 2 * Math.atan((Math.tan(FIELD / 2) * 1.2) / aspect) : FIELD;
+    return { aspect, angle: aspect < 1.2 ? 2 * Math.atan((Math.tan(FIELD / 2) * 1.2) / aspect) : FIELD };
+  }
+
+  // The ray from the eye through a place of the canvas, in its pixels.
+  ray(x, y) {
+    const { aspect, angle } = this.shape;
+    const { right, up } = this.axes();
+    const high = Math.tan(angle / 2);
+    const [across, above] = [(2 * x) / this.canvas.clientWidth - 1, 1 - (2 * y) / this.canvas.clientHeight];
+    const ahead = V.unit(V.sub(this.centre, this.eye));
+    const along = V.add(ahead, V.add(V.scale(right, across * high * aspect), V.scale(up, above * high)));
+    return { eye: this.eye, along: V.unit(along) };
+  }
+
+  matrix() {
+    const { aspect, angle } = this.shape;
     return M.multiply(M.perspective(angle, aspect, 0.05, 40), M.lookAt(this.eye, this.centre, [0, 0, 1]));
   }
 }

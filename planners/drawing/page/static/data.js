@@ -32,6 +32,7 @@ class Recording {
   // Append what a message holds.
   add({ content, array }) {
     if (content.frames) this.addFrames(content.frames, array);
+    if (!content.frames && !content.solves) return;
     for (const solve of content.solves || []) this.solves.push(this.readSolve(solve, array));
     if (content.notes) this.notes.push(...content.notes);
     this.findSpans();
@@ -70,12 +71,14 @@ class Recording {
     const readSurfaces = (surfaces) => surfaces.map((surface) => ({ ...surface, cells: array(surface.cells) }));
     return {
       ...solve,
+      why: solve.why && JSON.parse(new TextDecoder().decode(array(solve.why))),
       beliefs: (solve.beliefs || []).map((surfaces) => ({ surfaces: readSurfaces(surfaces) })),
       actions: solve.actions.map((action) => ({
         ...action, path: points(action.path), base_path: points(action.base_path), bases: points(action.bases),
       })),
       choices: solve.choices.map((choice) => ({
         ...choice, ordered: points(choice.ordered), refused: points(choice.refused),
+        refused_by: array(choice.refused_by),
         surfaces: readSurfaces(choice.surfaces),
       })),
     };

@@ -9,6 +9,16 @@ const NEXT_PATHS = 3; // actions after the present one whose paths are drawn too
 const ABOVE = 0.0015; // [m] that marks lie above what they are on
 const LIFT = 0.0006; // of the depth, so that marks do not flicker
 
+// The choice of the clearance that a span belongs to, or of the next one; undefined after the last.
+function choiceAt(recording, span) {
+  const solve = recording.solves[span.solve];
+  if (!solve) return undefined;
+  const at = span.action < 0 ? solve.actions.length : span.action;
+  const puts = solve.actions.flatMap((action, index) => (action.kind === "place" ? [index] : []));
+  const next = puts.findIndex((index) => index >= at);
+  return next < 0 ? undefined : solve.choices[next];
+}
+
 class Marks {
   constructor(renderer) {
     this.renderer = renderer;
@@ -17,6 +27,8 @@ class Marks {
       free: renderer.upload(SHAPES.disc([0.006])),
       best: renderer.upload(SHAPES.disc([0.009])),
       refused: renderer.upload(SHAPES.disc([0.0035])),
+      grasp: renderer.upload(SHAPES.arrow([0.02])),
+      takenGrasp: renderer.upload(SHAPES.arrow([0.034])),
       arrow: renderer.upload(SHAPES.arrow([0.07])),
       chosenArrow: renderer.upload(SHAPES.arrow([0.13])),
     };
@@ -38,7 +50,7 @@ class Marks {
     const items = [];
     const belief = solve.beliefs[Math.max(span.action, 0)];
     if (belief && layers.regions) items.push(...this.once(belief, "regions", () => this.regions(belief)));
-    const choice = this.choiceAt(solve, at);
+    const choice = choiceAt(recording, span);
     if (choice && layers.regions) items.push(...this.once(choice, "regions", () => this.regions(choice)));
     if (choice && layers.candidates) items.push(...this.once(choice, "candidates", () => this.candidates(choice)));
     const contact = solve.actions.slice(at).find((action) => action.bases.length);
@@ -49,13 +61,6 @@ class Marks {
         items.push(index === 0 ? solid : faint);
       });
     return items.flat();
-  }
-
-  // The clearance that an action belongs to, or the next one.
-  choiceAt(solve, at) {
-    const puts = solve.actions.flatMap((action, index) => (action.kind === "place" ? [index] : []));
-    const next = puts.findIndex((index) => index >= at);
-    return next < 0 ? undefined : solve.choices[next];
   }
 
   regions(choice) {

@@ -10,12 +10,13 @@ async function start() {
   const recording = new Recording(message);
   const target = content.target.split("/").pop();
   let wanted = false;
-  let scene, camera, panel, timeline;
+  let scene, camera, panel, timeline, why;
   const draw = () => {
     wanted = false;
     const span = recording.spanAt(timeline.time);
     panel.show(span, recording.phase[recording.frameAt(timeline.time)]);
-    scene?.draw(timeline.time, camera);
+    why.show(span, choiceAt(recording, span));
+    scene?.draw(timeline.time, camera, why);
     document.body.dataset.time = timeline.time.toFixed(2);
     document.body.dataset.draws = Number(document.body.dataset.draws || 0) + 1;
   };
@@ -27,6 +28,8 @@ async function start() {
   timeline = new Timeline(document.getElementById("timeline"), recording, Boolean(address), changed);
   timeline.target = target;
   panel = new Panel(recording, timeline, target);
+  why = new Why(recording, changed);
+  const hand = new Hand(document.body.dataset.moves);
   const showResult = (result, rows) => {
     document.getElementById("result").textContent = RESULTS[result] || "";
     document.getElementById("result").className = result;
@@ -44,7 +47,17 @@ async function start() {
   try {
     scene = new SceneView(canvas, document.getElementById("labels"), message, recording);
     camera = new Camera(canvas, changed);
+    scene.layers.names ||= hand.isPlaying; // they stand in the refusals
     controls(scene, camera, changed);
+    onClick(canvas, (x, y) => {
+      const found = scene.under(camera.ray(x, y), timeline.time);
+      if (hand.isPlaying) {
+        hand.click(found);
+        return;
+      }
+      why.choose(found?.object ? { name: found.object } : found?.isFixed ? { point: found.point } : null);
+      if (why.chosen) document.querySelector("#why h2").scrollIntoView({ block: "nearest" });
+    });
   } catch (error) {
     document.getElementById("problem").textContent = error.message;
     document.getElementById("problem").hidden = false;
@@ -54,7 +67,7 @@ async function start() {
   showResult(content.result, content.rows);
   rebuild();
   new ResizeObserver(changed).observe(canvas);
-  if (address) listen(address, recording, rebuild, showResult);
+  if (address) listen(address, recording, rebuild, showResult, hand);
   const wishes = new URLSearchParams(location.hash.slice(1));
   if (wishes.has("view") && wishes.get("view") in VIEWS) camera?.show(wishes.get("view"));
   if (wishes.has("t")) timeline.seek(Number(wishes.get("t")) || 0);
@@ -75,13 +88,14 @@ function controls(scene, camera, changed) {
 }
 
 // Take in what the server of a running episode sends.
-function listen(address, recording, rebuild, showResult) {
+function listen(address, recording, rebuild, showResult, hand) {
   const events = new EventSource(address);
   let turn = Promise.resolve();
   events.onmessage = (event) => {
     turn = turn.then(async () => {
       const message = await decode(event.data);
       recording.add(message);
+      if (message.content.play) hand.show(message.content.play);
       if (message.content.rows) showResult(message.content.result, message.content.rows);
       if (message.content.result && message.content.result !== "running") events.close();
       rebuild();

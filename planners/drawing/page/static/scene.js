@@ -18,12 +18,16 @@ class SceneView {
     this.layers = { regions: true, candidates: true, bases: true, paths: true, names: false, solid: true };
     this.objects = content.objects;
     this.target = content.target.split("/").pop();
-    const meshes = content.meshes.map((mesh) =>
-      this.renderer.upload(SHAPES.mesh(Array.from(array(mesh.vertices), (value) => value * mesh.step), array(mesh.triangles))));
+    const corners = content.meshes.map((mesh) => Array.from(array(mesh.vertices), (value) => value * mesh.step));
+    const meshes = content.meshes.map((mesh, index) =>
+      this.renderer.upload(SHAPES.mesh(corners[index], array(mesh.triangles))));
+    const ends = corners.map((values) => [Math.min, Math.max].map((most) =>
+      [0, 1, 2].map((axis) => values.reduce((best, value, k) => (k % 3 === axis ? most(best, value) : best), most === Math.min ? Infinity : -Infinity))));
     this.geoms = content.geoms.map((geom) => ({
       ...geom,
       place: M.pose(geom.position, geom.quaternion),
       mesh: geom.shape === "mesh" ? meshes[geom.mesh] : this.renderer.upload(SHAPES[geom.shape](geom.size)),
+      bounds: boundsOf(geom.shape, geom.size, ends[geom.mesh]),
       object: this.objects.find((object) => object.body === geom.body)?.name,
     }));
     this.tags = this.objects.map((object) => {
@@ -45,23 +49,35 @@ class SceneView {
     return this.recording.solves[span.solve]?.clearances?.includes(name) ? "moves" : "stays";
   }
 
-  draw(time, camera) {
+  // What a ray meets first: {object, point}, the object undefined for furniture and the robot; null for nothing.
+  under(ray, time) {
+    const poses = this.recording.posesAt(time);
+    let [best, least] = [null, Infinity];
+    for (const geom of this.geoms.filter((one) => one.bounds)) {
+      const away = meets(ray, geom.body < 0 ? geom.place : M.multiply(poses[geom.body], geom.place), geom.bounds);
+      if (away < least) [best, least] = [geom, away];
+    }
+    return best && { object: best.object, isFixed: best.body < 0, point: V.add(ray.eye, V.scale(ray.along, least)) };
+  }
+
+  draw(time, camera, why) {
     this.fit();
     const span = this.recording.spanAt(time);
     const poses = this.recording.posesAt(time);
     const roles = new Map(this.objects.map(({ name }) => [name, this.role(name, span)]));
+    const named = why.colours(span);
     const items = this.geoms.map((geom) => {
       const [r, g, b, a] = geom.colour;
       const matrix = geom.body < 0 ? geom.place : M.multiply(poses[geom.body], geom.place);
       if (geom.shape === "plane") return { mesh: geom.mesh, matrix, colour: [r, g, b, 1], kind: KIND.floor };
       const seen = this.layers.solid || geom.body >= 0 ? a : 0.22 * a;
-      const colour = geom.object ? [...ROLE_COLOURS[roles.get(geom.object)], 1] : [r, g, b, seen];
+      const colour = geom.object ? [...(named.get(geom.object) || ROLE_COLOURS[roles.get(geom.object)]), 1] : [r, g, b, seen];
       return { mesh: geom.mesh, matrix, colour, kind: KIND.lit };
     });
-    items.push(...this.marks.items(this.recording, span, this.layers));
+    items.push(...this.marks.items(this.recording, span, this.layers), ...why.items(span, this.marks));
     const view = camera.matrix();
     this.renderer.draw(items, view, camera.eye, [...REGION_COLOURS, [0, 0, 0]]);
-    this.placeLabels(poses, view, roles);
+    this.placeLabels(poses, view, roles, new Set([...named.keys(), why.chosen?.name]));
   }
 
   fit() {
@@ -71,7 +87,7 @@ class SceneView {
   }
 
   // Numbers of the objects that the plan moves, or of all.
-  placeLabels(poses, view, roles) {
+  placeLabels(poses, view, roles, named) {
     this.objects.forEach((object, index) => {
       const pose = poses[object.body];
       const geom = this.geoms.find((entry) => entry.body === object.body);
@@ -80,7 +96,9 @@ class SceneView {
       const style = this.tags[index].style;
       style.left = `${(50 * x) / w + 50}%`;
       style.top = `${50 - (50 * y) / w}%`;
-      style.display = w > 0 && (this.layers.names || roles.get(object.name) !== "stays") ? "" : "none";
+      this.tags[index].classList.toggle("chosen", named.has(object.name));
+      const isShown = this.layers.names || named.has(object.name) || roles.get(object.name) !== "stays";
+      style.display = w > 0 && isShown ? "" : "none";
     });
   }
 }
