@@ -241,20 +241,26 @@ class GraspCandidates:
         self.for_object(scene, name)
         for view in self._views_of(scene).values():
             body, is_free = view.body(name), False
-            for stage in self._stages(view, body):
+            stages, unseen = self._stages(view, body), self._known[_key(view, name)].unseen
+            has_looked_closely = self.closely and not any(stage.has_many_bases for stage in unseen)
+            for stage in stages:
+                if stage.has_many_bases and not stage.has_many_arms:
+                    break  # their gripper poses are those of before
+                many = has_looked_closely or stage.has_many_arms
                 for wanted, opening in _wanted(self.compiled.world(view), body, stage.family):
-                    for pose, grasps in zip(wanted, self._for_each(view, body, wanted, opening, stage), strict=True):
+                    every = self._for_each(view, body, wanted, opening, stage, many)
+                    for pose, grasps in zip(wanted, every, strict=True):
                         yield GraspsOfPose(view, pose, opening, best_first(grasps))
                         is_free |= any(grasp.blockers == 0 for grasp in grasps)
                 if is_free:
                     break
 
     def _for_each(
-        self, scene: Scene, body: Body, wanted: Array, opening: float, stage: _Stage
+        self, scene: Scene, body: Body, wanted: Array, opening: float, stage: _Stage, many: bool
     ) -> list[list[GraspCandidate]]:
-        """The grasps of one stage for each gripper pose of (k, 5) by itself."""
+        """The grasps of one stage for each gripper pose of (k, 5) by itself, from many base poses or from few."""
         placer, found = self.arms[scene.robot.arm_name], [list[GraspCandidate]() for _ in wanted]
-        for most in _MANY_BASES if stage.is_close else _BASES:
+        for most in (_MANY_BASES,) if many else _BASES:
             bases, index = facing_bases(placer, wanted, stage.turns) if stage.turns else placer.bases(wanted, most)
             for k in range(len(wanted)):
                 poses = GripperPoses(np.ascontiguousarray(bases[index == k]), wanted[index[index == k]])
