@@ -20,6 +20,7 @@ from scipy.spatial import ConvexHull
 from planners.facts import At, Inside, On, has_yaw, region_named, region_names, support_at, whole_face
 from planners.goals import Goal
 from planners.hollows import Hollow, hollow_of
+from planners.placing.certain_overlap import Ends, overlaps_everywhere
 from planners.placing.locations import stand_at
 from planners.regions import EDGE, RESTING, RIM, Region, footprint, overlap
 from planners.scene import Body, Scene, StaticObstacle
@@ -348,25 +349,35 @@ def beside(scene: Scene, face: StaticObstacle, body: Body) -> list[Body]:
 def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str, ...]:
     """Names of the objects that each alone keep an object from its place: proved.
 
-    The object is reduced to the circle inside it. The point of an area farthest from an obstacle is a corner, so only
-    corners are tested. Nothing is proved about objects of several pieces: others may stand beside or under these.
+    Of two objects of one piece, the moving one is reduced to the circle inside it. The point of an area farthest from
+    an obstacle is a corner, so only corners are tested. For objects of several pieces, see `overlaps_everywhere`.
     """
-    place, radius = place_of(scene, fact), inner_radius(body)
-    body = min(resting_ways(body), key=lambda way: way.top - way.bottom)
+    place = place_of(scene, fact)
+    lowest = min(resting_ways(body), key=lambda way: way.top - way.bottom)
     if place.below and place.area is None:
-        return _on_top(scene, body, place)
-    if body.shape == "pieces":
-        return ()
-    in_the_way = [one for one in beside(scene, place.face, body) if one.name != body.name and one.shape != "pieces"]
+        return _on_top(scene, lowest, place)
+    standing = [one for one in beside(scene, place.face, lowest) if one.name not in (body.name, place.below)]
     if place.area is None:
-        assert isinstance(fact, At)
         assert place.location is not None
-        centres, slack = place.location[None], fact.tolerance + EDGE
+        x, y = place.location
+        ends = Ends(place.face.top, point=(float(x), float(y)), tolerance=place.slack)
     else:
-        inset, slack = 0.0 if _is_by_centre(scene, fact) else radius, EDGE
-        x, y = np.maximum(np.array(place.area.half_extents) - inset + EDGE, EDGE)
-        centres = replace(place.area, half_extents=(float(x), float(y))).corners
-    return tuple(one.name for one in in_the_way if (distances(centres, one) < radius - slack).all())
+        ends = Ends(place.face.top, place.area, by_centre=_is_by_centre(scene, fact))
+    return tuple(one.name for one in standing if _keeps_out(one, body, ends))
+
+
+def _keeps_out(standing: Body, body: Body, ends: Ends) -> bool:
+    """Whether an object where it stands overlaps another one at each of its ends: proved."""
+    if "pieces" in (body.shape, standing.shape):
+        return overlaps_everywhere(body, ends, standing)
+    radius = inner_radius(body)
+    if ends.area is None:
+        centres, slack = np.array([ends.point]), ends.tolerance + EDGE
+    else:
+        inset, slack = 0.0 if ends.by_centre else radius, EDGE
+        x, y = np.maximum(np.array(ends.area.half_extents) - inset + EDGE, EDGE)
+        centres = replace(ends.area, half_extents=(float(x), float(y))).corners
+    return bool((distances(centres, standing) < radius - slack).all())
 
 
 def without_room(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[tuple[str, ...], str]:
