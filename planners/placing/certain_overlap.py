@@ -65,7 +65,7 @@ def overlaps_everywhere(body: Body, ends: Ends, other: Body) -> bool:
 
 def _overlaps(body: Body, ends: Ends, other: Body) -> bool:
     """Whether an object that rests as it is overlaps another one at each of its ends, in every yaw."""
-    yaws = np.arange(_YAWS) * (2 * np.pi / _YAWS)
+    yaws = np.linspace(0.0, 2 * np.pi, _YAWS, endpoint=False)
     centres, is_possible = _centres(body, ends, yaws)
     nearest = np.linalg.norm(centres - other.position[:2], axis=2).max()
     if not is_possible.any() or nearest > body.radius + other.radius:
@@ -97,11 +97,11 @@ def _centres(body: Body, ends: Ends, yaws: Array) -> tuple[Array, NDArray[np.boo
         low, high = -half - turned.min(axis=1) - slack, half - turned.max(axis=1) + slack
     sides = np.stack((low, high), axis=1)
     local = np.stack([sides[:, (a, b), (0, 1)] for a in (0, 1) for b in (0, 1)], axis=1)
-    return ends.area.centre + local @ _turned(np.array(ends.area.yaw)).T, (low <= high).all(axis=1)
+    return ends.area.centre + local @ _turned(np.array(ends.area.yaw)).T, np.asarray((low <= high).all(axis=1))
 
 
 def _turned(yaws: Array) -> Array:
-    """Rotation matrices (..., 2, 2)."""
+    """Rotation matrices (..., 2, 2) of yaws (...) [rad]."""
     c, s = np.cos(yaws), np.sin(yaws)
     return np.stack((np.stack((c, -s), axis=-1), np.stack((s, c), axis=-1)), axis=-2)
 
