@@ -48,7 +48,7 @@ class Problem:
     compiled: CompiledScenes = field(default_factory=CompiledScenes, repr=False)
     motions: KeptMotions = field(default_factory=KeptMotions, repr=False)
     candidates: GraspCandidates = field(init=False, repr=False)
-    _bounds: dict[int, LowerBound] = field(default_factory=dict, repr=False)
+    _bounds: dict[tuple[int, bool], LowerBound] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         candidates = replace(self.workspace.grasps(self.compiled), remembers=True)
@@ -94,12 +94,16 @@ class Problem:
         """The same problem with arm configurations near home only."""
         return replace(self, workspace=self.workspace.only_near_home(), _bounds={})
 
-    def lower_bound(self, expansions: int = MAX_EXPANSIONS, deadline: Deadline = NO_DEADLINE) -> LowerBound:
+    def lower_bound(
+        self, expansions: int = MAX_EXPANSIONS, deadline: Deadline = NO_DEADLINE, *, is_exact: bool = True
+    ) -> LowerBound:
         """Find the lower bound of the picks, cached. See `planners.clearing.goal_bound`.
 
-        It holds for the scene as it is: nothing is opened. `Planner.lower_bound` includes opening.
+        It holds for the scene as it is: nothing is opened. `Planner.lower_bound` includes opening. For `is_exact` see
+        `fewest_picks`.
         """
-        if expansions not in self._bounds:
+        key = expansions, is_exact
+        if key not in self._bounds:
             found = fewest_picks(
                 self.scene,
                 self.goal,
@@ -107,13 +111,14 @@ class Problem:
                 self.start,
                 search=self.workspace.placements(),
                 buffers=not self.hold_aside,
+                is_exact=is_exact,
                 expansions=expansions,
                 deadline=deadline,
             )
             if deadline.is_over:
                 return found
-            self._bounds[expansions] = found
-        return self._bounds[expansions]
+            self._bounds[key] = found
+        return self._bounds[key]
 
 
 def goal_in(scene: Scene, goal: str | Goal, start: Scene | None = None) -> Goal:

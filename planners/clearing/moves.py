@@ -182,8 +182,8 @@ class MoveMaker:
     ) -> Iterator[GraspCandidate]:
         """Find unblocked grasps of all pitches with a collision-free approach and retreat.
 
-        If `is_exact`, for a place with an exact yaw, several grasps of each pitch follow, since a grasp from another
-        side may fit there. Blockers found on the way are remembered for the scene.
+        If `is_exact`, for a place with an exact yaw or an object of pieces, several grasps of each pitch follow, since
+        a grasp from another side may fit there. Blockers found on the way are remembered for the scene.
         """
         seen: set[object] = set()
         candidates, holding = self.candidates, scene.arms_that_hold
@@ -246,7 +246,9 @@ class MoveMaker:
     ) -> Iterable[GraspCandidate]:
         """Find free grasps, on demand, for an object that goes to its place or aside."""
         refused = () if fact is None else self.not_placed.pitches.get(name, ())
-        is_exact = isinstance(fact, At) and fact.yaw is not None
+        # Of an object of pieces, another rim or side in the hand may fit where the first one does not.
+        has_sides = scene.body(name).shape == "pieces"
+        is_exact = isinstance(fact, At) and (fact.yaw is not None or has_sides)
         free = (one for one in self.free_grasps(scene, name, is_exact, following) if one.pitch not in refused)
         if fact is not None and place_of(scene, fact).hollow is not None:
             return self._from_above_first(scene, name, free, following)

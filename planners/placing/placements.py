@@ -62,6 +62,8 @@ _FACES_DOWN = math.radians(75)
 _CLEAR, _CLEAR_WORTH = 0.03, 3.0
 """Free space [m] around the object up to which it is worth a longer distance, and the distance that a metre of it is
 worth."""
+_KEPT_SURFACES = 64
+"""Surfaces of so many regions to keep clear are kept."""
 _DECIMALS = 6
 """Decimals of canonical costs and turns, so that rounding decides nothing."""
 
@@ -117,6 +119,7 @@ class PlacementSearch:
     turns_least: bool = False
     _volumes: dict[tuple[str, bytes, bytes], SweptVolume] = field(default_factory=dict, repr=False, compare=False)
     _depths: dict[tuple[object, ...], tuple[Array, float]] = field(default_factory=dict, repr=False, compare=False)
+    _surfaces: dict[tuple[object, ...], tuple[Surface, ...]] = field(default_factory=dict, repr=False, compare=False)
     _approaches: dict[tuple[object, ...], tuple[ContactQuery, Approach] | None] = field(
         default_factory=dict, repr=False, compare=False
     )
@@ -262,8 +265,17 @@ class PlacementSearch:
         height, supports = body.top - body.bottom + 2 * _GAP, supports or self.supports_in(world.scene)
         target = SweptVolume() if keep_clear.target is None else self.volume(world, keep_clear.target)
         obstacles = [self.volume(world, grasp) for grasp in keep_clear.obstacles]
-        reserved = keep_clear.reserved
-        return tuple(Surface.of(world.scene, one, body, height, target, obstacles, reserved) for one in supports)
+        reserved, scene = keep_clear.reserved, world.scene
+        standing = tuple(one for one in scene.objects if one.name != body.name)
+        grasps = tuple(grasp.key for grasp in keep_clear.grasps)
+        # With another grasp of the same object, the surfaces are the same.
+        key = standing, tuple(supports), scene.static_obstacles, height, keep_clear.target is None, grasps, reserved
+        if key not in self._surfaces:
+            if len(self._surfaces) >= _KEPT_SURFACES:
+                self._surfaces.clear()
+            found = (Surface.of(scene, one, body, height, target, obstacles, reserved) for one in supports)
+            self._surfaces[key] = tuple(found)
+        return self._surfaces[key]
 
     def volume(self, world: CollisionWorld, grasp: GraspCandidate) -> SweptVolume:
         """Swept volume of a grasp, cached. It does not depend on the other objects of the world."""
