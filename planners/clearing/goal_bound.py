@@ -26,7 +26,7 @@ from planners.clearing.lower_bound import MAX_EXPANSIONS, Blockers, self_clearab
 from planners.clock import NO_DEADLINE, Deadline
 from planners.goals import Clear, Goal, On, occupants
 from planners.grasping.candidates import GraspCandidates
-from planners.placing.blockers import PutDownMasks, is_put_down_free, put_down_masks
+from planners.placing.blockers import PutDownMasks, can_be_released, is_put_down_free, put_down_masks
 from planners.placing.goal_places import Place, in_the_way, must_go_first, place_of, without_room
 from planners.placing.locations import stand_at
 from planners.placing.placements import PlacementSearch
@@ -92,8 +92,8 @@ def fewest_picks(
         also: names of further objects to move.
         search: finds base poses for put-downs. With None, the blockers of put-downs are ignored.
         buffers: whether objects put aside are put down, and so picked again. False if they may stay in a hand.
-        is_exact: whether to look for hands that fit under a shelf, without which `proved` is not said there. It takes
-            seconds, and changes neither `picks` nor a proof that there is no plan.
+        is_exact: whether to look for hands that fit under a shelf, without which `proved` is not said there, and for
+            hands that fit at each place at all, without which it is not proved that none does. Both may take seconds.
         expansions: limit of search nodes for the proof.
         deadline: when to stop.
     """
@@ -106,6 +106,13 @@ def fewest_picks(
     waiting_for = waits_for(scene, goal, to_move)
     puts = _put_downs(scene, goal, to_move, waiting_for, candidates, search) if search and buffers else {}
     stuck = stuck or tuple(name for name, masks in puts.items() if not masks.ever)
+    if search and is_exact and not stuck:
+        moving = [fact for fact in goal.placed if fact.object in to_move and fact.where not in to_move]
+        stuck = tuple(
+            fact.object
+            for fact in moving
+            if not can_be_released(search, candidates, scene, fact.object, place_of(scene, fact))
+        )
     if stuck:
         return LowerBound(None, stuck, (), True, 0, Cause.UNREACHABLE)
     table = PickTable(

@@ -152,6 +152,29 @@ def is_put_down_free(
     return False
 
 
+def can_be_released(
+    search: PlacementSearch, candidates: GraspCandidates, scene: Scene, name: str, place: Place
+) -> bool:
+    """Whether some hand can release an object at its place once all other objects are gone.
+
+    True, too, where that is not known: in areas, on other objects, and for an object that does not stand.
+    """
+    body = scene.body(name)
+    if place.location is None or place.below or not body.is_upright:
+        return True
+    gone = scene.mask(scene.names)
+    for view, _ in in_any_hand(candidates, scene, body):
+        world, (held, _) = candidates.compiled.world(view), in_hand(view)
+        opening = opening_around(view.robot, body, held)
+        for point in points_about(place):
+            poses = wanted_poses(view, place, point, (place.yaw,))
+            # Most hands that do not fit hit something fixed themselves, whatever the arm does.
+            poses = poses[gripper_hits(world, poses, opening, held=held, ignore=gone) == 0]
+            if len(poses) and _is_any_free(search, world, poses, place.face.top, gone):
+                return True
+    return False
+
+
 def _is_any_free(search: PlacementSearch, world: CollisionWorld, wanted: Array, level: float, gone: int) -> bool:
     """Whether an arm configuration from some base pose releases the object at one of the gripper poses (k, 5)."""
     return len(_scan(search, world, wanted, level, gone, np.zeros((0, 3)), first_free=True)[1].q) > 0
