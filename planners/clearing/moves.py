@@ -20,7 +20,7 @@ from planners.goals import At, Goal, Holding, Inside, On
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.approaches import can_take, fewest_blockers
 from planners.motion.arm import tcp_pose
-from planners.placing.goal_places import Place, of_same_area, place_of, placed_fact, reserved_regions
+from planners.placing.goal_places import Place, of_same_area, place_of, placed_fact, reserved_regions, stacked_on
 from planners.placing.locations import in_hand
 from planners.placing.placements import Placement, PlacementSearch, is_under_shelf
 from planners.placing.surfaces import KeepClear
@@ -175,7 +175,8 @@ class MoveMaker:
         if self.start.body(fact.object).is_upright and not in_hand(scene)[1].is_upright:
             return iter(())
         place, others = place_of(scene, fact), of_same_area(scene, self.goal, fact.object, waiting)
-        return self.placements.find_at(world, place, keep, waiting, others, failed, self.deadline)
+        above = () if place.area is None else stacked_on(scene, self.goal, fact.object)
+        return self.placements.find_at(world, place, keep, waiting, others, failed, self.deadline, above)
 
     def free_grasps(
         self, scene: Scene, name: str, is_exact: bool = False, following: str = ""

@@ -710,9 +710,9 @@ def _room_beside(points: Array, body: Body, yaw: float | None, one: Body) -> Arr
         return distances(points, one) - body.radius
     corners = _corners(body, yaw)
     if one.shape == "cylinder" and one.is_upright:
-        return _distances_to_polygon(one.position[:2] - points, corners) - one.half_extents[0]
+        return distances_to_polygon(one.position[:2] - points, corners) - one.half_extents[0]
     sums = (footprint(one)[:, None] - corners).reshape(-1, 2)
-    return _distances_to_polygon(points, sums[ConvexHull(sums).vertices])
+    return distances_to_polygon(points, sums[ConvexHull(sums).vertices])
 
 
 def distances(points: Array, body: Body) -> Array:
@@ -720,17 +720,17 @@ def distances(points: Array, body: Body) -> Array:
     if body.shape == "cylinder" and body.is_upright:
         return np.maximum(np.linalg.norm(points - body.position[:2], axis=1) - body.half_extents[0], 0.0)
     if body.shape == "pieces":
-        return np.min([_distances_to_polygon(points, piece.outline) for piece in body.placed], axis=0)
+        return np.min([distances_to_polygon(points, piece.outline) for piece in body.placed], axis=0)
     outline = footprint(body)
     if abs(body.rotation[2, 2]) < _LEVEL:
-        return _distances_to_polygon(points, outline[ConvexHull(outline).vertices])
+        return distances_to_polygon(points, outline[ConvexHull(outline).vertices])
     axes = body.rotation[:2, :2]
     local, corners = (points - body.position[:2]) @ axes, (outline - body.position[:2]) @ axes
     outside = np.maximum(np.abs(local) - np.abs(corners).max(axis=0), 0.0)
     return np.asarray(np.linalg.norm(outside, axis=1))
 
 
-def _distances_to_polygon(points: Array, corners: Array) -> Array:
+def distances_to_polygon(points: Array, corners: Array) -> Array:
     """Distances [m] from points (n, 2) to a convex polygon (k, 2), counter-clockwise. 0 inside."""
     sides, away = np.roll(corners, -1, axis=0) - corners, points[:, None] - corners
     length = np.maximum((sides**2).sum(axis=1), 1e-18)
@@ -805,6 +805,15 @@ def _standing(body: Body, point: Array, yaw: float | None) -> Body:
 def placed_fact(goal: Goal, name: str) -> On | Inside | At | None:
     """The fact that places an object, if any."""
     return next((fact for fact in goal.placed if fact.object == name), None)
+
+
+def stacked_on(scene: Scene, goal: Goal, name: str) -> list[Body]:
+    """Objects that a goal wants on an object, or on these, from below."""
+    found: list[Body] = []
+    while above := next((fact.object for fact in goal.placed if fact.where == name), ""):
+        found.append(scene.body(above))
+        name = above
+    return found
 
 
 def of_same_area(scene: Scene, goal: Goal, name: str, waiting: Collection[str]) -> list[Body]:
