@@ -201,7 +201,8 @@ class PlacementSearch:
         lowered = with_lowered(world, place.below) if place.below else world
         surfaces = () if place.below else self.surfaces(world, keep_clear, (place.face,))
         failed = [] if failed is None else failed
-        at = _AtPlace(self, world.scene, lowered, place, keep_clear, surfaces, leaving, others, failed, deadline, stacked)
+        asked = place, keep_clear, surfaces, leaving, others, failed, deadline, stacked
+        at = _AtPlace(self, world.scene, lowered, *asked)
         yield from (replace(found, surfaces=surfaces, below=place.below) for found in at.placements())
 
     def depth(self, world: CollisionWorld, place: Place) -> tuple[Array, float]:
