@@ -49,7 +49,7 @@ class Problem:
     compiled: CompiledScenes = field(default_factory=CompiledScenes, repr=False)
     motions: KeptMotions = field(default_factory=KeptMotions, repr=False)
     candidates: GraspCandidates = field(init=False, repr=False)
-    _bounds: dict[int, LowerBound] = field(default_factory=dict, repr=False)
+    _bounds: dict[tuple[int, bool], LowerBound] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         candidates = replace(self.workspace.grasps(self.compiled), remembers=True)
@@ -102,32 +102,38 @@ class Problem:
         object.__setattr__(closer, "candidates", self.candidates.looking_closely(self.scene))
         return closer
 
-    def lower_bound(self, expansions: int = MAX_EXPANSIONS, deadline: Deadline = NO_DEADLINE) -> LowerBound:
-        """Find the lower bound of the picks. See `planners.clearing.goal_bound`.
+    def lower_bound(
+        self, expansions: int = MAX_EXPANSIONS, deadline: Deadline = NO_DEADLINE, *, is_exact: bool = True
+    ) -> LowerBound:
+        """Find the lower bound of the picks. See `planners.clearing.goal_bound`, and for `is_exact` `fewest_picks`.
 
         It holds for the scene as it is: nothing is opened. `Planner.lower_bound` includes opening. If other objects
         than those of the goal seem to be in the way, it holds for many more base poses than plans begin with.
         """
-        found = self.first_bound(expansions, deadline)
+        found = self.first_bound(expansions, deadline, is_exact=is_exact)
         if self.candidates.closely or found.picks == len(must_move(self.scene, self.goal, self.start)):
             return found
-        closer = self.closer.first_bound(expansions, deadline)
+        closer = self.closer.first_bound(expansions, deadline, is_exact=is_exact)
         if closer.picks is not None and (found.picks is None or closer.picks < found.picks):
             return closer
-        if closer.proved or not found.proved:
-            return found
-        return replace(found, least=min(found.least, closer.least), proved=False)
+        least, is_proved = min(found.least, closer.least), found.proved and closer.proved
+        return found if (least, is_proved) == (found.least, found.proved) else replace(found, least=least, proved=False)
 
-    def first_bound(self, expansions: int = MAX_EXPANSIONS, deadline: Deadline = NO_DEADLINE) -> LowerBound:
+    def first_bound(
+        self, expansions: int = MAX_EXPANSIONS, deadline: Deadline = NO_DEADLINE, *, is_exact: bool = True
+    ) -> LowerBound:
         """Find the lower bound for the base poses that plans begin with, cached."""
-        if expansions not in self._bounds:
-            found = self._fewest_picks(self.candidates, expansions, deadline)
+        key = expansions, is_exact
+        if key not in self._bounds:
+            found = self._fewest_picks(self.candidates, is_exact, expansions, deadline)
             if deadline.is_over:
                 return found
-            self._bounds[expansions] = found
-        return self._bounds[expansions]
+            self._bounds[key] = found
+        return self._bounds[key]
 
-    def _fewest_picks(self, candidates: GraspCandidates, expansions: int, deadline: Deadline) -> LowerBound:
+    def _fewest_picks(
+        self, candidates: GraspCandidates, is_exact: bool, expansions: int, deadline: Deadline
+    ) -> LowerBound:
         """The bound for these grasps."""
         return fewest_picks(
             self.scene,
@@ -136,6 +142,7 @@ class Problem:
             self.start,
             search=self.workspace.placements(),
             buffers=not self.hold_aside,
+            is_exact=is_exact,
             expansions=expansions,
             deadline=deadline,
         )

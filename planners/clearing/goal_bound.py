@@ -26,7 +26,7 @@ from planners.clearing.lower_bound import MAX_EXPANSIONS, Blockers, self_clearab
 from planners.clock import NO_DEADLINE, Deadline
 from planners.goals import Clear, Goal, On, occupants
 from planners.grasping.candidates import GraspCandidates
-from planners.placing.blockers import PutDownMasks, is_put_down_free, put_down_masks
+from planners.placing.blockers import PutDownMasks, can_be_released, is_put_down_free, put_down_masks
 from planners.placing.goal_places import Place, in_the_way, must_go_first, place_of, without_room
 from planners.placing.locations import stand_at
 from planners.placing.placements import PlacementSearch
@@ -64,6 +64,10 @@ class LowerBound:
     cause: str = ""
     expansions: int = 0
 
+    def met_by(self, picks: int) -> LowerBound:
+        """The bound once a plan with that many picks is known: if it meets the bound, the bound is exact."""
+        return replace(self, picks=picks, proved=True) if picks == self.least else self
+
 
 def fewest_picks(
     scene: Scene,
@@ -74,6 +78,7 @@ def fewest_picks(
     also: Collection[str] = (),
     search: PlacementSearch | None = None,
     buffers: bool = True,
+    is_exact: bool = True,
     expansions: int = MAX_EXPANSIONS,
     deadline: Deadline = NO_DEADLINE,
 ) -> LowerBound:
@@ -87,6 +92,8 @@ def fewest_picks(
         also: names of further objects to move.
         search: finds base poses for put-downs. With None, the blockers of put-downs are ignored.
         buffers: whether objects put aside are put down, and so picked again. False if they may stay in a hand.
+        is_exact: whether to look for hands that fit under a shelf, without which `proved` is not said there, and for
+            hands that fit at each place at all, without which it is not proved that none does. Both may take seconds.
         expansions: limit of search nodes for the proof.
         deadline: when to stop.
     """
@@ -99,6 +106,13 @@ def fewest_picks(
     waiting_for = waits_for(scene, goal, to_move)
     puts = _put_downs(scene, goal, to_move, waiting_for, candidates, search) if search and buffers else {}
     stuck = stuck or tuple(name for name, masks in puts.items() if not masks.ever)
+    if search and is_exact and not stuck:
+        moving = [fact for fact in goal.placed if fact.object in to_move and fact.where not in to_move]
+        stuck = tuple(
+            fact.object
+            for fact in moving
+            if not can_be_released(search, candidates, scene, fact.object, place_of(scene, fact))
+        )
     if stuck:
         return LowerBound(None, stuck, (), True, 0, Cause.UNREACHABLE)
     table = PickTable(
@@ -118,7 +132,7 @@ def fewest_picks(
     if not found.proved or found.picks is None:
         return found
     is_unknown = _may_be_in_the_way(scene, goal, to_move, waiting_for) or _may_be_blocked_under_a_shelf(
-        scene, goal, to_move, waiting_for, candidates, search
+        scene, goal, to_move, waiting_for, candidates, search if is_exact else None
     )
     return replace(found, proved=not is_unknown)
 

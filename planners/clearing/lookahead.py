@@ -27,7 +27,7 @@ from planners.clearing.order_of_moves import Order, Step
 from planners.clearing.quickest import holding_aside
 from planners.goals import At, Inside, On
 from planners.grasping.candidates import GraspCandidate
-from planners.placing.blockers import fewest_in_the_way
+from planners.placing.blockers import can_be_released, fewest_in_the_way
 from planners.placing.goal_places import in_the_way, place_of, placed_fact
 from planners.placing.negative_goal_region import SupportGrid, swept_mask
 from planners.placing.surfaces import KeepClear
@@ -45,6 +45,8 @@ _OTHERS = 6
 """Most objects to put aside from one scene that need not move."""
 _REJECTIONS = 100
 """Rounds of removing unusable grasps before a scene is regarded as without a plan."""
+_FAILED_OFTEN = 3
+"""Tries without a placement after which it is asked whether any hand can release the object at its place."""
 _CELL = 0.02
 """Cell size [m] for comparing swept volumes."""
 
@@ -119,6 +121,8 @@ def look_ahead(maker: MoveMaker, scene: Scene) -> ClearancePlan | NoCommitment:
         found = _best_first(search, first, 1.0, tries // _BETTER, found.picks) or found
     if found is not None:
         return as_plan(maker.candidates, scene, found.moves)
+    if search.never_placed:
+        return NoCommitment(Cause.NO_CLEARANCE_LOCATION, (search.never_placed,))
     if maker.deadline.is_over:
         return NoCommitment(Cause.TIME_LIMIT, first.waiting)
     nowhere = tuple(name for name, _ in search.failed.most_common(1))
@@ -153,7 +157,7 @@ def _best_first(
             heapq.heappush(queue, (rank, -len(one.moves), -next(count), one, levels))
 
     push(first, search.levels(first, strictly))
-    while queue and tries and not search.maker.deadline.is_over:
+    while queue and tries and not (search.maker.deadline.is_over or search.never_placed):
         *_, now, levels = heapq.heappop(queue)
         if not now.steps:
             return now
@@ -182,6 +186,8 @@ class _Search:
 
     Attributes:
         failed: how often each object found no placement.
+        failed_at_place: how often each object found none at its place.
+        never_placed: name of an object that no hand can release at its place, "" for none known.
         in_the_way: names of the objects that stood in the way of an object's place from the start, by the object's
             name.
     """
@@ -189,6 +195,8 @@ class _Search:
     maker: MoveMaker
     start: Scene
     failed: Counter[str] = field(default_factory=Counter)
+    failed_at_place: Counter[str] = field(default_factory=Counter)
+    never_placed: str = ""
     in_the_way: dict[str, tuple[str, ...]] = field(default_factory=dict)
     _order: Order | None = None
     _cells: dict[tuple[str, bytes, bytes], int] = field(default_factory=dict)
@@ -311,6 +319,8 @@ class _Search:
                     break
         if moved is None:
             self.failed[name] += 1
+            if step.is_general:
+                self._ask_for_a_hand(now.scene, name)
             return None
         moves = (*now.moves, moved)
         if is_strict and (rest or not must_move(moved.after, goal, maker.start)):
@@ -318,6 +328,15 @@ class _Search:
             return _Situation(moved.after, moves, rest, max(left, 1) if rest else 0, now.also, now.later)
         found = self.situation(moved.after, moves, [one for one in now.also if one != name], now.later)
         return found if isinstance(found, _Situation) else None
+
+    def _ask_for_a_hand(self, scene: Scene, name: str) -> None:
+        """After many failures, end the search if no hand can release an object at its place, whatever else moves."""
+        fact, maker = placed_fact(self.maker.goal, name), self.maker
+        self.failed_at_place[name] += 1
+        if fact is None or self.failed_at_place[name] != _FAILED_OFTEN:
+            return
+        if not can_be_released(maker.placements, maker.candidates, scene, name, place_of(scene, fact)):
+            self.never_placed = name
 
     def _choices(
         self, now: _Situation, step: Step, rest: tuple[Step, ...], is_strict: bool

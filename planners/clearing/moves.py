@@ -20,7 +20,7 @@ from planners.goals import At, Goal, Holding, Inside, On
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.approaches import can_take, fewest_blockers
 from planners.motion.arm import tcp_pose
-from planners.placing.goal_places import Place, of_same_area, place_of, placed_fact, reserved_regions
+from planners.placing.goal_places import Place, of_same_area, place_of, placed_fact, reserved_regions, stacked_on
 from planners.placing.locations import in_hand
 from planners.placing.placements import Placement, PlacementSearch, is_under_shelf
 from planners.placing.surfaces import KeepClear
@@ -175,15 +175,16 @@ class MoveMaker:
         if self.start.body(fact.object).is_upright and not in_hand(scene)[1].is_upright:
             return iter(())
         place, others = place_of(scene, fact), of_same_area(scene, self.goal, fact.object, waiting)
-        return self.placements.find_at(world, place, keep, waiting, others, failed, self.deadline)
+        above = () if place.area is None else stacked_on(scene, self.goal, fact.object)
+        return self.placements.find_at(world, place, keep, waiting, others, failed, self.deadline, above)
 
     def free_grasps(
         self, scene: Scene, name: str, is_exact: bool = False, following: str = ""
     ) -> Iterator[GraspCandidate]:
         """Find unblocked grasps of all pitches with a collision-free approach and retreat.
 
-        If `is_exact`, for a place with an exact yaw, several grasps of each pitch follow, since a grasp from another
-        side may fit there. Blockers found on the way are remembered for the scene.
+        If `is_exact`, for a place with an exact yaw or an object of pieces, several grasps of each pitch follow, since
+        a grasp from another side may fit there. Blockers found on the way are remembered for the scene.
         """
         seen: set[object] = set()
         candidates, holding = self.candidates, scene.arms_that_hold
@@ -246,7 +247,9 @@ class MoveMaker:
     ) -> Iterable[GraspCandidate]:
         """Find free grasps, on demand, for an object that goes to its place or aside."""
         refused = () if fact is None else self.not_placed.pitches.get(name, ())
-        is_exact = isinstance(fact, At) and fact.yaw is not None
+        # Of an object of pieces, another rim or side in the hand may fit where the first one does not.
+        has_sides = scene.body(name).shape == "pieces"
+        is_exact = isinstance(fact, At) and (fact.yaw is not None or has_sides)
         free = (one for one in self.free_grasps(scene, name, is_exact, following) if one.pitch not in refused)
         if fact is not None and place_of(scene, fact).hollow is not None:
             return self._from_above_first(scene, name, free, following)

@@ -7,6 +7,7 @@ robot. So the whole drive is checked at its start, in a world in which every obs
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -77,8 +78,14 @@ def _highest_first(centre: Array, half: Array, R: Array) -> tuple[Solids, Array]
 
 def _boxes_around(solids: Sequence[Body] | Sequence[StaticObstacle], R: Array) -> tuple[Array, Array]:
     """Centres (k, 3) and half extents (k, 3) [m] of boxes along the axes of a rotation that contain the solids."""
-    half = [[solid.half_extent_along(axis) for axis in R.T] for solid in solids]
+    half = [[_half_along(solid, tuple(axis)) for axis in R.T] for solid in solids]
     return np.array([solid.position for solid in solids]).reshape(-1, 3), np.array(half).reshape(-1, 3)
+
+
+@lru_cache(maxsize=16384)
+def _half_along(solid: Body | StaticObstacle, axis: tuple[float, ...]) -> float:
+    """Half extent [m] of a solid along an axis: the few directions out of a support are asked for again and again."""
+    return solid.half_extent_along(axis)
 
 
 def _solids(centre: Array, half: Array, R: Array) -> Solids:

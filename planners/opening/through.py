@@ -289,7 +289,7 @@ def goal_of(twin: Scene) -> Goal:
 
 
 def _is_possible(asked: Asked, scene: Scene, goal: Goal, start: Scene) -> bool:
-    bound = asked.problem(scene, goal, start).lower_bound(deadline=asked.deadline)
+    bound = asked.problem(scene, goal, start).lower_bound(deadline=asked.deadline, is_exact=False)
     return bound.picks is not None or not bound.proved
 
 

@@ -152,8 +152,38 @@ def is_put_down_free(
     return False
 
 
+def can_be_released(
+    search: PlacementSearch, candidates: GraspCandidates, scene: Scene, name: str, place: Place
+) -> bool:
+    """Whether some hand can release an object at its place once all other objects are gone.
+
+    True, too, where that is not known: in areas, on other objects, and for an object that does not stand.
+    """
+    body = scene.body(name)
+    if place.location is None or place.below or not body.is_upright:
+        return True
+    gone, hands = scene.mask(scene.names), [view for view, _ in in_any_hand(candidates, scene, body)]
+    return any(
+        _is_any_free(
+            search,
+            candidates.compiled.world(view),
+            wanted_poses(view, place, point, (place.yaw,)),
+            place.face.top,
+            gone,
+        )
+        for point in points_about(place)
+        for view in hands
+    )
+
+
 def _is_any_free(search: PlacementSearch, world: CollisionWorld, wanted: Array, level: float, gone: int) -> bool:
     """Whether an arm configuration from some base pose releases the object at one of the gripper poses (k, 5)."""
+    held, body = in_hand(world.scene)
+    opening = opening_around(world.scene.robot, body, held)
+    # Most hands that do not fit hit something themselves, whatever the arm does.
+    wanted = wanted[gripper_hits(world, wanted, opening, held=held, ignore=gone) == 0]
+    if not len(wanted):
+        return False
     return len(_scan(search, world, wanted, level, gone, np.zeros((0, 3)), first_free=True)[1].q) > 0
 
 

@@ -20,6 +20,7 @@ from scipy.spatial import ConvexHull
 from planners.facts import At, Inside, On, has_yaw, region_named, region_names, support_at, whole_face
 from planners.goals import Goal
 from planners.hollows import Hollow, hollow_of
+from planners.placing.certain_overlap import Ends, overlaps_everywhere
 from planners.placing.locations import stand_at
 from planners.regions import EDGE, RESTING, RIM, Region, footprint, overlap
 from planners.scene import Body, Scene, StaticObstacle
@@ -124,7 +125,7 @@ def _hollow_for(scene: Scene, fact: On | Inside) -> Hollow | None:
     hollow = hollow_of(scene, fact.where)
     if hollow is None or isinstance(fact, Inside) or fact.where not in scene.names:
         return hollow
-    return None if _is_larger(scene.body(fact.object), hollow.area) else hollow
+    return None if _is_larger(scene.body(fact.object), hollow.area, slack=0.0) else hollow
 
 
 @lru_cache(maxsize=64)
@@ -348,25 +349,35 @@ def beside(scene: Scene, face: StaticObstacle, body: Body) -> list[Body]:
 def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str, ...]:
     """Names of the objects that each alone keep an object from its place: proved.
 
-    The object is reduced to the circle inside it. The point of an area farthest from an obstacle is a corner, so only
-    corners are tested. Nothing is proved about objects of several pieces: others may stand beside or under these.
+    Of two objects of one piece, the moving one is reduced to the circle inside it. The point of an area farthest from
+    an obstacle is a corner, so only corners are tested. For objects of several pieces, see `overlaps_everywhere`.
     """
-    place, radius = place_of(scene, fact), inner_radius(body)
-    body = min(resting_ways(body), key=lambda way: way.top - way.bottom)
+    place = place_of(scene, fact)
+    lowest = min(resting_ways(body), key=lambda way: way.top - way.bottom)
     if place.below and place.area is None:
-        return _on_top(scene, body, place)
-    if body.shape == "pieces":
-        return ()
-    in_the_way = [one for one in beside(scene, place.face, body) if one.name != body.name and one.shape != "pieces"]
+        return _on_top(scene, lowest, place)
+    standing = [one for one in beside(scene, place.face, lowest) if one.name not in (body.name, place.below)]
     if place.area is None:
-        assert isinstance(fact, At)
         assert place.location is not None
-        centres, slack = place.location[None], fact.tolerance + EDGE
+        x, y = place.location
+        ends = Ends(place.face.top, point=(float(x), float(y)), tolerance=place.slack)
     else:
-        inset, slack = 0.0 if _is_by_centre(scene, fact) else radius, EDGE
-        x, y = np.maximum(np.array(place.area.half_extents) - inset + EDGE, EDGE)
-        centres = replace(place.area, half_extents=(float(x), float(y))).corners
-    return tuple(one.name for one in in_the_way if (distances(centres, one) < radius - slack).all())
+        ends = Ends(place.face.top, place.area, by_centre=_is_by_centre(scene, fact))
+    return tuple(one.name for one in standing if _keeps_out(one, body, ends))
+
+
+def _keeps_out(standing: Body, body: Body, ends: Ends) -> bool:
+    """Whether an object where it stands overlaps another one at each of its ends: proved."""
+    if "pieces" in (body.shape, standing.shape):
+        return overlaps_everywhere(body, ends, standing)
+    radius = inner_radius(body)
+    if ends.area is None:
+        centres, slack = np.array([ends.point]), ends.tolerance + EDGE
+    else:
+        inset, slack = 0.0 if ends.by_centre else radius, EDGE
+        x, y = np.maximum(np.array(ends.area.half_extents) - inset + EDGE, EDGE)
+        centres = replace(ends.area, half_extents=(float(x), float(y))).corners
+    return bool((distances(centres, standing) < radius - slack).all())
 
 
 def without_room(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[tuple[str, ...], str]:
@@ -443,12 +454,15 @@ def _why_too_large(scene: Scene, fact: On | Inside | At) -> str:
     return f"is larger than its place, {area.name}"
 
 
-def _is_larger(body: Body, area: Region) -> bool:
-    """Whether an object is larger than an area in every yaw and resting orientation. See `_why_too_large`."""
+def _is_larger(body: Body, area: Region, slack: float = EDGE) -> bool:
+    """Whether an object is larger than an area in every yaw and resting orientation, by more than a slack [m].
+
+    See `_why_too_large`.
+    """
     angles = np.linspace(0.0, np.pi, 180, endpoint=False)
     for way in resting_ways(body):
         along = np.ptp(footprint(way) @ np.stack((np.cos(angles), np.sin(angles))), axis=0)
-        most = 2 * (np.array(area.half_extents) + EDGE) + along.max() * (angles[1] - angles[0])
+        most = 2 * (np.array(area.half_extents) + slack) + along.max() * (angles[1] - angles[0])
         if ((along <= most[0]) & (np.roll(along, len(angles) // 2) <= most[1])).any():
             return False
     return True
@@ -699,9 +713,9 @@ def _room_beside(points: Array, body: Body, yaw: float | None, one: Body) -> Arr
         return distances(points, one) - body.radius
     corners = _corners(body, yaw)
     if one.shape == "cylinder" and one.is_upright:
-        return _distances_to_polygon(one.position[:2] - points, corners) - one.half_extents[0]
+        return distances_to_polygon(one.position[:2] - points, corners) - one.half_extents[0]
     sums = (footprint(one)[:, None] - corners).reshape(-1, 2)
-    return _distances_to_polygon(points, sums[ConvexHull(sums).vertices])
+    return distances_to_polygon(points, sums[ConvexHull(sums).vertices])
 
 
 def distances(points: Array, body: Body) -> Array:
@@ -709,17 +723,17 @@ def distances(points: Array, body: Body) -> Array:
     if body.shape == "cylinder" and body.is_upright:
         return np.maximum(np.linalg.norm(points - body.position[:2], axis=1) - body.half_extents[0], 0.0)
     if body.shape == "pieces":
-        return np.min([_distances_to_polygon(points, piece.outline) for piece in body.placed], axis=0)
+        return np.min([distances_to_polygon(points, piece.outline) for piece in body.placed], axis=0)
     outline = footprint(body)
     if abs(body.rotation[2, 2]) < _LEVEL:
-        return _distances_to_polygon(points, outline[ConvexHull(outline).vertices])
+        return distances_to_polygon(points, outline[ConvexHull(outline).vertices])
     axes = body.rotation[:2, :2]
     local, corners = (points - body.position[:2]) @ axes, (outline - body.position[:2]) @ axes
     outside = np.maximum(np.abs(local) - np.abs(corners).max(axis=0), 0.0)
     return np.asarray(np.linalg.norm(outside, axis=1))
 
 
-def _distances_to_polygon(points: Array, corners: Array) -> Array:
+def distances_to_polygon(points: Array, corners: Array) -> Array:
     """Distances [m] from points (n, 2) to a convex polygon (k, 2), counter-clockwise. 0 inside."""
     sides, away = np.roll(corners, -1, axis=0) - corners, points[:, None] - corners
     length = np.maximum((sides**2).sum(axis=1), 1e-18)
@@ -794,6 +808,15 @@ def _standing(body: Body, point: Array, yaw: float | None) -> Body:
 def placed_fact(goal: Goal, name: str) -> On | Inside | At | None:
     """The fact that places an object, if any."""
     return next((fact for fact in goal.placed if fact.object == name), None)
+
+
+def stacked_on(scene: Scene, goal: Goal, name: str) -> list[Body]:
+    """Objects that a goal wants on an object, or on these, from below."""
+    found: list[Body] = []
+    while above := next((fact.object for fact in goal.placed if fact.where == name), ""):
+        found.append(scene.body(above))
+        name = above
+    return found
 
 
 def of_same_area(scene: Scene, goal: Goal, name: str, waiting: Collection[str]) -> list[Body]:

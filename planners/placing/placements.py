@@ -11,7 +11,7 @@ import itertools
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,16 @@ from planners.grasping.candidates import GraspCandidate
 from planners.grasping.grasp_poses import opening_around
 from planners.hollows import Hollow, hollow_about
 from planners.motion.approaches import Approach, ContactQuery, can_put_down, planned_approach
-from planners.placing.goal_places import NARROW, PITCH, Place, Yaws, inner_radius, locations_in
+from planners.placing.goal_places import (
+    NARROW,
+    PITCH,
+    Place,
+    Yaws,
+    distances,
+    distances_to_polygon,
+    inner_radius,
+    locations_in,
+)
 from planners.placing.locations import in_hand, placement_cells, placement_levels, put_down, rotated
 from planners.placing.negative_goal_region import SweptVolume, is_free
 from planners.placing.surfaces import KeepClear, Surface
@@ -62,6 +71,8 @@ _FACES_DOWN = math.radians(75)
 _CLEAR, _CLEAR_WORTH = 0.03, 3.0
 """Free space [m] around the object up to which it is worth a longer distance, and the distance that a metre of it is
 worth."""
+_KEPT_SURFACES = 64
+"""Surfaces of so many regions to keep clear are kept."""
 _DECIMALS = 6
 """Decimals of canonical costs and turns, so that rounding decides nothing."""
 
@@ -117,6 +128,7 @@ class PlacementSearch:
     turns_least: bool = False
     _volumes: dict[tuple[str, bytes, bytes], SweptVolume] = field(default_factory=dict, repr=False, compare=False)
     _depths: dict[tuple[object, ...], tuple[Array, float]] = field(default_factory=dict, repr=False, compare=False)
+    _surfaces: dict[tuple[object, ...], tuple[Surface, ...]] = field(default_factory=dict, repr=False, compare=False)
     _approaches: dict[tuple[object, ...], tuple[ContactQuery, Approach] | None] = field(
         default_factory=dict, repr=False, compare=False
     )
@@ -170,6 +182,7 @@ class PlacementSearch:
         others: Sequence[Body] = (),
         failed: list[Array] | None = None,
         deadline: Deadline = NO_DEADLINE,
+        stacked: Sequence[Body] = (),
     ) -> Iterator[Placement]:
         """Find placements of the held object at a place of a goal, lazily as in `find`.
 
@@ -183,11 +196,13 @@ class PlacementSearch:
                 after `_FAILURES` of them the search ends. Locations where the gripper does not fit are added under a
                 shelf only.
             deadline: when to stop.
+            stacked: objects that are put on this one later, from below. Locations with room for them come first.
         """
         lowered = with_lowered(world, place.below) if place.below else world
         surfaces = () if place.below else self.surfaces(world, keep_clear, (place.face,))
         failed = [] if failed is None else failed
-        at = _AtPlace(self, world.scene, lowered, place, keep_clear, surfaces, leaving, others, failed, deadline)
+        asked = place, keep_clear, surfaces, leaving, others, failed, deadline, stacked
+        at = _AtPlace(self, world.scene, lowered, *asked)
         yield from (replace(found, surfaces=surfaces, below=place.below) for found in at.placements())
 
     def depth(self, world: CollisionWorld, place: Place) -> tuple[Array, float]:
@@ -262,8 +277,17 @@ class PlacementSearch:
         height, supports = body.top - body.bottom + 2 * _GAP, supports or self.supports_in(world.scene)
         target = SweptVolume() if keep_clear.target is None else self.volume(world, keep_clear.target)
         obstacles = [self.volume(world, grasp) for grasp in keep_clear.obstacles]
-        reserved = keep_clear.reserved
-        return tuple(Surface.of(world.scene, one, body, height, target, obstacles, reserved) for one in supports)
+        reserved, scene = keep_clear.reserved, world.scene
+        standing = tuple(one for one in scene.objects if one.name != body.name)
+        grasps = tuple(grasp.key for grasp in keep_clear.grasps)
+        # With another grasp of the same object, the surfaces are the same.
+        key = standing, tuple(supports), scene.static_obstacles, height, keep_clear.target is None, grasps, reserved
+        if key not in self._surfaces:
+            if len(self._surfaces) >= _KEPT_SURFACES:
+                self._surfaces.clear()
+            found = (Surface.of(scene, one, body, height, target, obstacles, reserved) for one in supports)
+            self._surfaces[key] = tuple(found)
+        return self._surfaces[key]
 
     def volume(self, world: CollisionWorld, grasp: GraspCandidate) -> SweptVolume:
         """Swept volume of a grasp, cached. It does not depend on the other objects of the world."""
@@ -373,7 +397,7 @@ class _AtPlace:
         search: source of base poses and arm configurations.
         scene: the scene with the object in hand.
         world: the same scene compiled, with the object below the place lowered.
-        place, keep_clear, leaving, others, failed, deadline: as for `PlacementSearch.find_at`.
+        place, keep_clear, leaving, others, failed, deadline, stacked: as for `PlacementSearch.find_at`.
         surfaces: the face of the place with its keep-out regions. Empty on top of an object.
     """
 
@@ -387,6 +411,7 @@ class _AtPlace:
     others: Sequence[Body]
     failed: list[Array]
     deadline: Deadline
+    stacked: Sequence[Body] = ()
 
     def placements(self) -> Iterator[Placement]:
         """Find placements at the locations of the place, then from above for containers too deep for the hand."""
@@ -414,16 +439,26 @@ class _AtPlace:
 
     def _farthest_first(self) -> Iterator[tuple[Array, Yaws]]:
         """Locations that keep room for the others, those with most of the object on the face first."""
-        fits = zip(self._feet, (PITCH, PITCH, NARROW), strict=False)
-        found = itertools.chain.from_iterable(self._with_foot(foot, pitch) for foot, pitch in fits)
+        fits = list(zip(self._feet, (PITCH, PITCH, NARROW), strict=False))
+        has_rooms = (True, False) if self.stacked else (False,)
+        found = itertools.chain.from_iterable(
+            self._with_foot(foot, pitch, has_room) for has_room in has_rooms for foot, pitch in fits
+        )
         if len(self._drops) > 1 or (self.place.hollow is not None and not self.others):
             # Walls are farthest from the middle.
             return iter(sorted(found, key=lambda one: math.dist(one[0], self._middle)))
         return found
 
-    def _with_foot(self, foot: float, pitch: float) -> Iterator[tuple[Array, Yaws]]:
-        """Locations at which a circle of radius `foot` [m] lies on the face, `pitch` [m] apart."""
-        is_allowed = partial(self._is_allowed, foot=foot)
+    def _with_foot(self, foot: float, pitch: float, has_room: bool) -> Iterator[tuple[Array, Yaws]]:
+        """Locations at which a circle of radius `foot` [m] lies on the face, `pitch` [m] apart.
+
+        `has_room`: whether there is to be room for what is stacked on the object.
+        """
+
+        def is_allowed(points: Array) -> NDArray[np.bool_]:
+            free = self._is_allowed(points, foot)
+            return free & self._has_room_above(points) if has_room else free
+
         return locations_in(
             self.scene, self._body, self.place, self.leaving, self.others, is_allowed, pitch, self._is_near_failure
         )
@@ -498,6 +533,22 @@ class _AtPlace:
             if region.support == self.place.face.name:
                 free &= ~region.touches_disc(points, radius)
         return np.asarray(free)
+
+    def _has_room_above(self, points: Array) -> NDArray[np.bool_]:
+        """Whether the objects that are stacked on this one at points (n, 2) hit nothing that stays: (n,)."""
+        free, level = np.ones(len(points), np.bool_), self.place.face.top + self._body.top - self._body.bottom
+        gone = {self._body.name, *self.leaving, *self.scene.held_names, *(one.name for one in self.stacked)}
+        standing = [one for one in self.scene.objects if one.name not in gone]
+        for above in self.stacked:
+            top = level + above.top - above.bottom
+            for wall in self.scene.static_obstacles:
+                if wall.lower[2] < top and wall.upper[2] > level:
+                    free &= distances_to_polygon(points, wall.outline) > above.radius + _GAP
+            for one in standing:
+                if one.bottom < top and one.top > level:
+                    free &= distances(points, one) > above.radius + _GAP
+            level = top
+        return free
 
     def _is_near_failure(self, point: Array) -> bool:
         return any(math.dist(point, other) < _NEAR_FAILURE for other in self.failed)

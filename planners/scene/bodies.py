@@ -182,13 +182,8 @@ class Body:
         T = np.asarray(T_tcp_body, dtype=float)
         if self.shape != "pieces":
             return 2.0 * self.at_pose(T).half_extent_along((0.0, 1.0, 0.0))
-        for pad in (_PAD, _PAD + (TIP, 0.0, 0.0)):
-            points, along = (pad - T[:3, 3]) @ T[:3, :3], np.tile(T[1, :3], (len(pad), 1))
-            cuts = np.array([piece.cut(points, along)[:2] for piece in self.pieces]).transpose(2, 0, 1)
-            widest = max(_between_pads(intervals[intervals[:, 0] < intervals[:, 1]]) for intervals in cuts)
-            if widest > 0.0:
-                return widest
-        return 2.0 * self.at_pose(T).half_extent_along((0.0, 1.0, 0.0))
+        widest = _width_between_pads(self.pieces, T.tobytes())
+        return widest if widest > 0.0 else 2.0 * self.at_pose(T).half_extent_along((0.0, 1.0, 0.0))
 
     @cached_property
     def corners(self) -> NDArray[np.float64]:
@@ -378,6 +373,22 @@ def _resting_axes(body: Body, rotation: Array) -> Iterator[Array]:
     for axis in axes:
         if abs(axis[1]) < math.sin(UPRIGHT_TILT) and math.hypot(axis[0], axis[2]) > math.sin(UPRIGHT_TILT):
             yield axis
+
+
+@lru_cache(maxsize=4096)
+def _width_between_pads(pieces: tuple[Solid, ...], held_at: bytes) -> float:
+    """Width [m] of the part of pieces between the pads, 0 for none. `held_at` holds T_tcp_body (4, 4).
+
+    While a placement is searched, the same is asked for each location.
+    """
+    T = np.frombuffer(held_at).reshape(4, 4)
+    for pad in (_PAD, _PAD + (TIP, 0.0, 0.0)):
+        points, along = (pad - T[:3, 3]) @ T[:3, :3], np.tile(T[1, :3], (len(pad), 1))
+        cuts = np.array([piece.cut(points, along)[:2] for piece in pieces]).transpose(2, 0, 1)
+        widest = max(_between_pads(intervals[intervals[:, 0] < intervals[:, 1]]) for intervals in cuts)
+        if widest > 0.0:
+            return widest
+    return 0.0
 
 
 def _between_pads(intervals: Array) -> float:

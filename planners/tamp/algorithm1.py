@@ -71,11 +71,12 @@ def task_and_motion_plan(search: Search) -> Solution | Infeasible:
     if isinstance(state, Infeasible):
         return state
     actions, end = shorten_plan(search, state.scene), as_seen(state.scene)
-    clearances = tuple(search.clearances)
+    clearances, bound = tuple(search.clearances), search.bound
     grasps = search.motion_layer.workspace.families
-    return Solution(
-        actions, clearances, search.stats(), search.target, search.strategy, search.goal, search.bound, end, grasps
+    found = Solution(
+        actions, clearances, search.stats(), search.target, search.strategy, search.goal, bound, end, grasps
     )
+    return found if bound is None else replace(found, bound=bound.met_by(found.picks))
 
 
 def initial_state(search: Search) -> PlanState | Infeasible:

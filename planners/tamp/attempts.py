@@ -94,21 +94,19 @@ def _or_with_fewer_picks(
     A plan from them alone is not always better: they include grasps to which no motion leads. Canonical plans stay as
     they are, so that they can be learned.
     """
+    has_bound = found.bound is not None if isinstance(found, Solution) else found.cause.lies_in_grasps
+    if not has_bound:
+        return found
+    bound = problem.lower_bound(deadline=deadline, is_exact=False)
     if isinstance(found, Solution):
-        if found.bound is None:
-            return found
-        bound = problem.lower_bound(deadline=deadline)
-        found = replace(found, bound=bound)
-        is_best = bound.picks is None or bound.least >= found.picks
-    else:
-        is_best = not found.cause.lies_in_grasps or problem.lower_bound(deadline=deadline).picks is None
-    if is_best or problem.workspace.canonical:
+        found = replace(found, bound=bound.met_by(found.picks))
+    can_be_better = bound.picks is not None and (isinstance(found, Infeasible) or bound.least < found.picks)
+    if not can_be_better or problem.workspace.canonical:
         return found
     outcome, _ = _attempt(problem.closer, strategy, task_planner, rng, deadline, None)
-    if not isinstance(outcome, Solution):
+    if isinstance(outcome, Infeasible) or best_outcome([found, outcome], True, deadline) is found:
         return found
-    best = best_outcome([found, outcome], True, deadline)
-    return replace(best, bound=problem.lower_bound(deadline=deadline)) if best is outcome else found
+    return replace(outcome, bound=bound.met_by(outcome.picks))
 
 
 def is_final(outcome: Solution | Infeasible, near_home: bool) -> bool:

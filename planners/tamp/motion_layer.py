@@ -184,8 +184,8 @@ class MotionLayer:
         return itertools.islice(itertools.chain((plan.placements[name],), others), maker.strategy.placements)
 
     def lower_bound(self, problem: Problem) -> LowerBound:
-        """Lower bound of the picks for a problem. The grasps computed for it are kept."""
-        found = problem.first_bound(deadline=self.deadline)
+        """Lower bound of the picks for a problem, not exact under a shelf. The grasps computed for it are kept."""
+        found = problem.first_bound(deadline=self.deadline, is_exact=False)
         self.candidates.learn(problem.candidates)
         return found
 

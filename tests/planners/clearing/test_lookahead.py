@@ -13,10 +13,13 @@ from planners.clearing.goal_bound import LowerBound
 from planners.clearing.lookahead import _in_turn, _Search, _Situation
 from planners.clearing.moves import Move, MoveMaker
 from planners.placing.placements import PlacementSearch
+from planners.placing.surfaces import KeepClear
 from planners.scene import Scene
+from planners.scene.bodies import release_pitch
 from planners.tamp.solution import Solution
 from planners.workspace import Workspace
-from tests.planners.scenes import cylinder, random_scene, table_scene
+from tests.planners.pieces import mug
+from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene
 
 
 def maker(scene: Scene, goal: Goal) -> MoveMaker:
@@ -72,3 +75,20 @@ def test_nothing_goes_to_its_place_on_what_is_still_to_be_moved() -> None:
     tried = [one for _, tries in search.levels(first, strictly=False)[:2] for one in tries if one is not None]
     assert tried
     assert all(one.moves[0].name == "b" for one in tried)
+
+
+@pytest.mark.parametrize("shape", ["pieces", "cylinder"])
+def test_an_object_of_pieces_is_tried_at_a_pose_with_other_sides_in_the_hand(shape: str) -> None:
+    """One grasp of each pitch was tried: a bowl in a cabinet whose rim was held at the wall was refused its place."""
+    body = mug("a", (-0.2, 0.0, HEIGHT)) if shape == "pieces" else cylinder("a", -0.2, 0.0)
+    scene = table_scene(body)
+    moves, tried = maker(scene, goals.at("a", (-0.1, 0.2))), list[float]()
+
+    def refuse(_: MoveMaker, held: Scene, *__: object) -> object:
+        assert held.held is not None
+        tried.append(round(release_pitch(held.body("a"), held.held), 2))
+        return iter(())
+
+    with patch.object(MoveMaker, "places", refuse):
+        assert moves.put(scene, "a", True, [KeepClear()], ()) is None
+    assert (len(tried) > len(set(tried))) == (shape == "pieces")

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from planners.goals import At, Goal, Region, at, inside, on
+from planners.hollows import hollow_of
 from planners.placing.goal_places import (
     Place,
     RoomForOthers,
@@ -26,6 +27,7 @@ from planners.placing.goal_places import (
 from planners.placing.locations import stand_at
 from planners.regions import footprint, overlap
 from planners.scene import Body, Scene, StaticObstacle
+from tests.planners.pieces import mug
 from tests.planners.scenes import HEIGHT, UPRIGHT, cylinder, table_scene
 
 Array = NDArray[np.float64]
@@ -180,6 +182,17 @@ def test_a_place_at_which_nothing_can_be_is_refused_by_its_name(goal: Goal, word
     names, why = without_room(scene, goal, goal_names(goal))
     assert bool(names) == bool(words)
     assert re.search(words or "^$", why)
+
+
+def test_what_is_a_little_wider_than_a_mug_stands_on_its_rim() -> None:
+    """An apple 2 mm wider than the mouth was to go inside, where no hand could bring it."""
+    below = mug("mug", (0.0, 0.0, HEIGHT))
+    hollow = hollow_of(table_scene(below), "mug")
+    assert hollow is not None
+    for wider, is_inside in ((-0.001, True), (0.0015, False)):
+        apple = cylinder("apple", -0.2, 0.2, min(hollow.area.half_extents) + wider, 0.08)
+        place = place_of(table_scene(below, apple), on("apple", "mug").placed[0])
+        assert (place.hollow is not None) == is_inside
 
 
 def goal_names(goal: Goal) -> list[str]:
