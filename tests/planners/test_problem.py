@@ -66,7 +66,7 @@ def test_the_bound_is_asked_for_once_and_is_that_of_the_plan() -> None:
     assert bound == PLANNER.lower_bound(SCENE, TARGET)
     plan = PLANNER.solve_problem(problem)
     assert isinstance(plan, Solution)
-    assert plan.bound is bound
+    assert plan.bound == bound
 
 
 @pytest.mark.parametrize("number", range(4))
