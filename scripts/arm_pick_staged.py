@@ -2,12 +2,14 @@
 
     python scripts/arm_pick_staged.py [SEED [STEPS]]
 
-Observations are normalised as they come. The settings are those of `clutter-env train sac` on ArmRetrieve.
+Observations are normalised as they come. The settings are those of `clutter-env train sac` on ArmRetrieve. Printed are
+successes in held-out scenes, and what each term of the reward earned a step in the training since the line before.
 """
 
 import sys
 import time
 from collections.abc import Mapping
+from statistics import fmean
 from typing import Any
 
 import torch
@@ -16,6 +18,7 @@ from stable_baselines3.common.callbacks import ConvertCallback, EveryNTimesteps
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecNormalize
 
+from clutter_env.envs.staged_pick import PICK_WEIGHTS
 from clutter_env.evaluation.score import success_rate
 from clutter_env.seeds import HELD_OUT
 from clutter_env.task import Task
@@ -47,16 +50,28 @@ class Learned:
 
 def measure(seeds: range) -> bool:
     success, spent = success_rate(env, Learned(), seeds), time.process_time() - started
-    print(f"{model.num_timesteps} steps, {spent:.0f} CPU s: {success:.2f} of {len(seeds)}", flush=True)
+    terms = [f"{name} {fmean(each[name] for each in earned):.3f}" for name in PICK_WEIGHTS if earned]
+    print(
+        f"{model.num_timesteps} steps, {spent:.0f} CPU s: {success:.2f} of {len(seeds)} {', '.join(terms)}", flush=True
+    )
+    earned.clear()
+    return True
+
+
+def note(local: Mapping[str, Any], _: Any) -> bool:
+    """Note what the terms earn in a step of the training."""
+    earned.extend(info["reward_terms"] for info in local["infos"])
     return True
 
 
 torch.set_num_threads(1)
 started, task = time.process_time(), Task("clutter_env/ArmPick-v0", {"reward_mode": "staged"})
+earned: list[Mapping[str, float]] = []
 env, envs = task.make(), VecNormalize(make_vec_env(task.make, seed=SEED), norm_reward=False)
 print(f"{task.env_id}, staged reward, seed {SEED}, {SETTINGS}", flush=True)
 model = SAC("MultiInputPolicy", envs, buffer_size=STEPS, seed=SEED, **SETTINGS)
-model.learn(STEPS, callback=EveryNTimesteps(max(STEPS // 16, 1), ConvertCallback(lambda *_: measure(WATCHED))))
+watching = EveryNTimesteps(max(STEPS // 16, 1), ConvertCallback(lambda *_: measure(WATCHED)))
+model.learn(STEPS, callback=[ConvertCallback(note), watching])
 measure(MEASURED)
 model.save("armpick_staged_sac.zip")
 envs.save("armpick_staged_scale.pkl")
