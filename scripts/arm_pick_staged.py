@@ -1,10 +1,11 @@
 """Reinforcement learning from a staged reward alone: stock SAC on ArmPick, without demonstrations and hindsight.
 
-    python scripts/arm_pick_staged.py [SEED [STEPS]]
+    python scripts/arm_pick_staged.py [SEED [STEPS [REFILL]]]
 
 Observations are normalised as they come. The settings are those of `clutter-env train sac` on ArmRetrieve, but for two
 updates after four steps. Printed are successes in held-out scenes, and what each term of the reward earned a step in
-the training since the line before.
+the training since the line before. With REFILL it goes on from the files that the last run left here: the replay buffer
+is not among them, so REFILL steps come first without updates.
 """
 
 import sys
@@ -24,7 +25,8 @@ from clutter_env.evaluation.score import success_rate
 from clutter_env.seeds import HELD_OUT
 from clutter_env.task import Task
 
-SEED, STEPS = (*map(int, sys.argv[1:]), *(0, 80_000)[len(sys.argv) - 1 :])
+SEED, STEPS, REFILL = (*map(int, sys.argv[1:]), *(0, 80_000, 0)[len(sys.argv) - 1 :])
+MODEL, SCALE = "armpick_staged_sac.zip", "armpick_staged_scale.pkl"
 WATCHED, MEASURED = range(HELD_OUT, HELD_OUT + 20), range(HELD_OUT + 10_000, HELD_OUT + 10_100)
 """Seeds of held-out scenes: played on the way, and at the end alone."""
 COPIES = 4
@@ -71,11 +73,18 @@ def note(local: Mapping[str, Any], _: Any) -> bool:
 torch.set_num_threads(1)
 started, task = time.process_time(), Task("clutter_env/ArmPick-v0", {"reward_mode": "staged"})
 earned: list[Mapping[str, float]] = []
-env, envs = task.make(), VecNormalize(make_vec_env(task.make, COPIES, SEED), norm_reward=False)
+env, envs = task.make(), make_vec_env(task.make, COPIES, SEED)
 print(f"{task.env_id}, staged reward, seed {SEED}, {SETTINGS}", flush=True)
-model = SAC("MultiInputPolicy", envs, buffer_size=STEPS, seed=SEED, **SETTINGS)
+if REFILL:
+    envs = VecNormalize.load(SCALE, envs)
+    model = SAC.load(MODEL, envs, buffer_size=STEPS, gradient_steps=0, seed=SEED + 1000)  # other scenes
+    model.learn(REFILL, reset_num_timesteps=False)
+    model.gradient_steps = SETTINGS["gradient_steps"]
+else:
+    envs = VecNormalize(envs, norm_reward=False)
+    model = SAC("MultiInputPolicy", envs, buffer_size=STEPS, seed=SEED, **SETTINGS)
 watching = EveryNTimesteps(max(STEPS // 16, 1), ConvertCallback(lambda *_: measure(WATCHED)))
-model.learn(STEPS, callback=[ConvertCallback(note), watching])
+model.learn(STEPS - REFILL, callback=[ConvertCallback(note), watching], reset_num_timesteps=not REFILL)
 measure(MEASURED)
-model.save("armpick_staged_sac.zip")
-envs.save("armpick_staged_scale.pkl")
+model.save(MODEL)
+envs.save(SCALE)

@@ -21,7 +21,7 @@ from types import MappingProxyType
 
 from clutter_env.envs.from_above import Nearness
 
-PICK_WEIGHTS: Mapping[str, float] = MappingProxyType({"reach": 0.15, "around": 0.1, "grasp": 0.35, "goal": 0.4})
+PICK_WEIGHTS: Mapping[str, float] = MappingProxyType({"reach": 0.1, "around": 0.05, "grasp": 0.25, "goal": 0.6})
 """Weights of the terms."""
 CLOSING = 0.75
 """Share of the grasping term that fingers earn which have closed on the object and do not hold it yet."""
