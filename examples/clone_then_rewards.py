@@ -14,7 +14,7 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import ConvertCallback, EveryNTimesteps
 from stable_baselines3.common.env_util import make_vec_env
-from stable_baselines3.common.utils import LinearSchedule
+from stable_baselines3.common.utils import LinearSchedule, set_random_seed
 from torch.nn.functional import l1_loss, mse_loss
 
 from clutter_env.data.episode import record
@@ -24,7 +24,7 @@ from clutter_env.policies.reinforcement import ModelPolicy
 from clutter_env.seeds import HELD_OUT
 from clutter_env.task import Task
 
-OBJECTS, SEED, STEPS, DEMONSTRATIONS = (*map(int, sys.argv[1:]), *(3, 0, 100_000, 600)[len(sys.argv) - 1 :])
+OBJECTS, SEED, STEPS, DEMONSTRATIONS = (*map(int, sys.argv[1:]), *(3, 0, 102_400, 1200)[len(sys.argv) - 1 :])
 WATCHED, MEASURED = range(HELD_OUT, HELD_OUT + 20), range(HELD_OUT + 10_000, HELD_OUT + 10_100)
 """Seeds of held-out scenes: played on the way, and at the end alone."""
 SETTINGS = {
@@ -36,6 +36,7 @@ SETTINGS = {
         "net_arch": {"pi": [256, 256], "vf": [256, 256]},
         "activation_fn": torch.nn.ReLU,
         "log_std_init": -2.5,
+        "ortho_init": False,
     },
 }
 MOST_UPDATES, BATCH = 20_000, 256
@@ -50,11 +51,13 @@ def fit(policy, episodes):
     values, updates = torch.tensor(SETTINGS["gamma"] ** left).float(), min(MOST_UPDATES, 10 * len(left))
     optimiser = torch.optim.Adam([each for name, each in policy.named_parameters() if name != "log_std"], 1e-3)
     schedule = torch.optim.lr_scheduler.LinearLR(optimiser, 1.0, 0.02, updates)
-    for _ in range(updates):
+    set_random_seed(SEED)
+    for update in range(updates):
         drawn = torch.randint(0, len(left), (BATCH,))
         observation = {"observation": seen[drawn]}
         error = l1_loss(policy.get_distribution(observation).distribution.mean, actions[drawn])
-        error = error + mse_loss(policy.predict_values(observation)[:, 0], values[drawn])
+        if update % 2 == 0:
+            error = error + mse_loss(policy.predict_values(observation)[:, 0], values[drawn])
         optimiser.zero_grad()
         error.backward()
         optimiser.step()
@@ -77,6 +80,7 @@ print(f"{task.env_id}, {options}, {len(episodes)} demonstrations, seed {SEED}, {
 model = PPO("MultiInputPolicy", make_vec_env(task.make, seed=SEED), seed=SEED, **SETTINGS)
 fit(model.policy, episodes)
 measure(WATCHED)
+set_random_seed(SEED)
 model.learn(STEPS, callback=EveryNTimesteps(max(STEPS // 5, 1), ConvertCallback(lambda *_: measure(WATCHED))))
 measure(MEASURED)
 model.save(f"arm_retrieve_o{OBJECTS}_ppo.zip")
