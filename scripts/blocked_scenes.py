@@ -113,15 +113,16 @@ def recognise(scenes: int = 3000) -> None:
     print(markdown_table(("scenes", "accuracy on 600 others"), rows), end="")
 
 
-def clone(demonstrations: int = 600, scenes: int = 100, roles: bool = False) -> None:
+def clone(demonstrations: int = 600, scenes: int = 100, roles: bool = False, objects: int = 3) -> None:
     """Clone the script and print how episodes end, in free and in blocked scenes.
 
     Args:
         demonstrations: Number of scenes that the script plays; failures are left out.
         scenes: Number of held-out scenes.
         roles: Whether observations say what is in the way.
+        objects: Number of objects: 1, 3 or 5.
     """
-    task = Task(ENV, {"roles": roles})
+    task = Task(f"clutter_env/ArmRetrieve-o{objects}-v0", {"roles": roles})
     env, script = task.make(), make_expert("armretrieve")
     network = fitted([record(task, env, script, seed) for seed in range(demonstrations)])
     count = Counter[tuple[str, str]]()

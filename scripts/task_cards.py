@@ -513,7 +513,7 @@ def reward_rows(env: gym.Env) -> list[tuple[str, ...]]:
 def _reward(mode: str, is_goal: bool, num_objects: int) -> tuple[str, str]:
     """What a step earns, and the least and the most of it."""
     if is_goal and mode == "staged":
-        return f"progress of the task; 1 within {GOAL_TOLERANCE:.2f} m of the goal", "0, 1"
+        return f"progress of the task; 1 if the object is held within {GOAL_TOLERANCE:.2f} m of the goal", "0, 1"
     if is_goal:
         near = f"0 within {GOAL_TOLERANCE:.2f} m of the goal, else -1"
         return (near, "-1, 0") if mode == "sparse" else ("minus the distance to the goal, m", "-∞, 0")

@@ -109,7 +109,7 @@ def test_the_python_of_the_learning_page_runs_after_its_collection(
     "name",
     [
         *("clone", "collect", "evaluate", "run_expert", "objects_of_pieces", "demonstrations_and_rewards 0 64 5"),
-        *("arm_retrieve_demonstrations 1 0 64 5", "reverse_curriculum 1 0 64 5"),
+        *("arm_retrieve_demonstrations 1 0 64 5", "reverse_curriculum 1 0 64 5", "clone_then_rewards 3 0 64 5"),
     ],
 )
 def test_the_examples_run(name: str, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The staged reward of ArmPick: between 0 and 1 on the way, 1 at the goal, and that of other goals from the infos."""
+"""The staged reward of ArmPick: below 1 on the way, 1 held at the goal, and that of other goals from the infos."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ ALONG = [
     (Nearness(1.0, 1.0, 1.0), True, 0.3),
     (Nearness(1.0, 1.0, 1.0), True, 0.1),
     (Nearness(1.0, 1.0, 1.0), True, 0.051),
-    (Nearness(0.0, 0.0, 0.0), False, 0.05),
+    (Nearness(1.0, 1.0, 1.0), True, 0.05),
 ]
-"""Arguments of `pick_terms` along the task, at the goal with the object released."""
+"""Arguments of `pick_terms` along the task, at the end with the object held at its goal."""
 
 
 @pytest.fixture
@@ -37,6 +37,12 @@ def test_stages_rise_along_the_task_and_stay_below_one_away_from_the_goal() -> N
     assert all(later > earlier for earlier, later in pairwise(rewards))
     assert rewards[-2] < 1 == rewards[-1]
     assert sum(PICK_WEIGHTS.values()) == pytest.approx(1)
+
+
+def test_an_object_at_its_goal_that_is_not_held_earns_what_it_earns_elsewhere() -> None:
+    for nearness in (Nearness(0.0, 0.0, 0.0), Nearness(0.9, 0.9, 0.5)):
+        there, elsewhere = (pick_reward(pick_terms(nearness, False, m), m, GOAL_TOLERANCE) for m in (0.0, 0.3))
+        assert there == elsewhere < 1
 
 
 @pytest.mark.parametrize("discount", [0.5, 0.95, 0.99])
@@ -56,17 +62,21 @@ def test_rewards_of_steps_are_those_of_their_goals_and_of_saved_states(env) -> N
     for _ in range(40):
         observation, reward, _, _, info = env.step(script.act(observation))
         distance = float(np.linalg.norm(observation["achieved_goal"] - observation["desired_goal"]))
-        assert reward == pytest.approx(1.0 if info["is_success"] else sum(info["reward_terms"].values()))
+        is_held = info["reward_terms"]["grasp"] >= PICK_WEIGHTS["grasp"]
+        is_finished = info["is_success"] and is_held
+        assert reward == pytest.approx(1.0 if is_finished else sum(info["reward_terms"].values()))
         assert info["is_success"] == (distance <= GOAL_TOLERANCE)
         infos.append(info)
         achieved.append(observation["achieved_goal"])
         rewards.append(reward)
-    assert info["is_success"]
+    assert is_finished
     assert 0 < min(rewards) < 0.1
     goals = np.repeat(observation["desired_goal"][None], len(infos), 0)
     compute = env.get_wrapper_attr("compute_reward")
     assert np.array_equal(compute(np.array(achieved), goals, infos), rewards)
-    assert np.array_equal(compute(np.array(achieved), np.array(achieved), np.array(infos)), np.ones(len(infos)))
+    is_held = [info["reward_terms"]["grasp"] >= PICK_WEIGHTS["grasp"] for info in infos]
+    there = compute(np.array(achieved), np.array(achieved), np.array(infos))
+    assert np.array_equal(there == 1, is_held)
     other = gym.make("clutter_env/ArmPick-v0", reward_mode="staged").unwrapped
     _, restored = other.reset(options={"state": env.unwrapped.save_state()})
     assert restored["reward_terms"] == info["reward_terms"]
