@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -122,6 +123,12 @@ def test_the_audit_s_own_policies_win_what_a_replay_says(known: Demonstrations) 
         for scenes in (ARM, others):
             assert wins(policy, scenes, lambda: ticks.append(None)) == evaluate(policy, scenes).num_clean
     assert len(ticks) == 24
+
+
+def test_images_that_nobody_looks_at_are_seldom_rendered(known: Demonstrations) -> None:
+    assert nearest(known).env_keywords == known.env_keywords
+    hidden = replace(known, scenes=SceneSet("hidden-shelf-10-v2", count=1).scenes)
+    assert nearest(hidden).env_keywords == {**known.env_keywords, "frame_every": 10}
 
 
 def test_an_expert_may_play_fewer_scenes_than_the_others() -> None:
