@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from clutter_env.errors import LearningError
 from clutter_env.evaluation.audit_plan import AuditPlan
-from clutter_env.evaluation.blind import ROBOT, Demonstrations, blind, nearest, robot_only
+from clutter_env.evaluation.blind import ROBOT, Demonstrations, Replay, blind, nearest, robot_only
 from clutter_env.evaluation.evaluate import Evaluation, evaluate
 from clutter_env.evaluation.paired import fewest_won, smallest_shown
 from clutter_env.evaluation.resampled import Spread, resampled
@@ -98,9 +98,9 @@ def audit(suite: str, plan: AuditPlan, tick: Callable[[], object] = lambda: None
     count = expert_scenes(plan)
     expert = demonstrated(SceneSet(suite, count=count)).clean if count else demonstrations.clean
     known = Demonstrations.of(demonstrations)
-    played = []
+    played, outcomes = [], Outcomes(scenes)
     for name, policy, is_blind in _policies(known, plan.network):
-        clean = wilson(wins(policy, scenes, tick), plan.scenes)
+        clean = wilson(outcomes.wins(policy, tick), plan.scenes)
         played.append(Played(name, clean, clean.mean / expert.mean if expert.mean else 0.0, is_blind))
     spread = None
     if plan.suites:
@@ -118,18 +118,32 @@ def audit(suite: str, plan: AuditPlan, tick: Callable[[], object] = lambda: None
     )
 
 
-def wins(policy: AnyPolicy, scenes: SceneSet, tick: Callable[[], object] = lambda: None) -> int:
-    """Number of scenes that a policy of the audit wins.
+class Outcomes:
+    """Which scenes the policies of an audit win.
 
-    It plays in this process, and its episodes are scored as they are played: these policies are the package's own, so
-    that the replay in another process, which `evaluate` makes of every episode, would double the time for nothing.
+    They play in this process, and are scored as they play: they are the package's own, so that the replay in another
+    process, which `evaluate` makes of every episode, would double the time for nothing. Several of them play the same
+    demonstration in a scene; it is played once.
     """
-    won = 0
-    with closing(scenes.scenes[0].make(**PolicyTraits.of(policy).env_keywords)) as env:
-        for scene in scenes.scenes:
-            won += play_scene(scene, env, policy).clean
-            tick()
-    return won
+
+    def __init__(self, scenes: SceneSet) -> None:
+        self._scenes = scenes
+        self._known: dict[tuple[int, bytes], bool] = {}
+
+    def wins(self, policy: AnyPolicy, tick: Callable[[], object] = lambda: None) -> int:
+        """Number of scenes that a policy wins."""
+        won = 0
+        with closing(self._scenes.scenes[0].make(**PolicyTraits.of(policy).env_keywords)) as env:
+            for scene in self._scenes.scenes:
+                if not isinstance(policy, Replay):
+                    won += play_scene(scene, env, policy).clean
+                else:
+                    key = (scene.seed, policy.chosen(scene.reset(env)[0]).tobytes())
+                    if key not in self._known:
+                        self._known[key] = play_scene(scene, env, policy).clean
+                    won += self._known[key]
+                tick()
+        return won
 
 
 def expert_scenes(plan: AuditPlan) -> int:

@@ -110,11 +110,15 @@ class Replay:
         """Start an episode."""
         self._left, self.done = None, False
 
+    def chosen(self, observation: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
+        """(steps, n) The actions that it plays where it sees this at first."""
+        apart = np.linalg.norm(self._seen - self._vector(observation) * self._scale, axis=1)
+        return self._known.actions[int(apart.argmin())]
+
     def act(self, observation: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
         """The next action of the demonstration that was chosen at the first."""
         if self._left is None:
-            apart = np.linalg.norm(self._seen - self._vector(observation) * self._scale, axis=1)
-            self._left = list(self._known.actions[int(apart.argmin())][::-1])
+            self._left = list(self.chosen(observation)[::-1])
         action = self._left.pop()
         self.done = not self._left
         return action

@@ -12,7 +12,7 @@ from scipy.stats import binomtest
 
 from clutter_env.cli.main import main
 from clutter_env.errors import LearningError
-from clutter_env.evaluation.audit import Played, audit, episodes_of, expert_scenes, wins
+from clutter_env.evaluation.audit import Outcomes, Played, audit, episodes_of, expert_scenes
 from clutter_env.evaluation.audit_plan import AuditPlan
 from clutter_env.evaluation.blind import Demonstrations, Replay, blind, nearest, robot_only
 from clutter_env.evaluation.evaluate import evaluate
@@ -119,9 +119,13 @@ def test_the_audit_s_own_policies_win_what_a_replay_says(known: Demonstrations) 
     """They are scored as they play: half the time of `evaluate`, and no other process."""
     ticks: list[None] = []
     others = SceneSet(env_id="clutter_env/ArmReach-v0", count=6, first_seed=6)
-    for policy in (blind(known), nearest(known)):
-        for scenes in (ARM, others):
-            assert wins(policy, scenes, lambda: ticks.append(None)) == evaluate(policy, scenes).num_clean
+    for scenes in (ARM, others):
+        outcomes = Outcomes(scenes)
+        for policy in (blind(known), nearest(known)):
+            assert outcomes.wins(policy, lambda: ticks.append(None)) == evaluate(policy, scenes).num_clean
+        again = len(outcomes._known)
+        outcomes.wins(nearest(known))
+        assert len(outcomes._known) == again, "what was played in a scene is not played again"
     assert len(ticks) == 24
 
 
