@@ -141,7 +141,8 @@ def table(rows: Sequence[tuple[Result, Row]], known: Mapping[str, str]) -> str:
         "[What a results file holds, and what it proves](../docs/verification.md).",
         "",
         "`cards.json` has the scores of the [task cards](../docs/environments/cards/index.md) that no other file has: "
-        "`python -m scripts.card_scores` makes them again.",
+        "`python -m scripts.card_scores` makes them again. `audits.json` has the small audits of the "
+        "[suites](../docs/audit.md): `python -m scripts.audits`.",
         "",
     ]
     return "\n".join(lines)
