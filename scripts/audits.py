@@ -69,7 +69,7 @@ def table(known: Mapping[str, Any]) -> str:
 def row(found: Mapping[str, Any]) -> Sequence[str]:
     """The line of a suite: the expert's rate in its demonstrations, and scenes won by the other policies."""
     expert = found["expert_clean"]
-    won = [f"{round(one['clean']['mean'] * found['scenes'])} of {found['scenes']}" for one in found["played"]]
+    won = [f"{round(one['clean']['mean'] * found['scenes'])}/{found['scenes']}" for one in found["played"]]
     return [f"`{found['suite']}`", f"{expert['mean']:.2f}", *won]
 
 
