@@ -29,6 +29,7 @@ from clutter_env.cli.evaluate import Arguments as Evaluate, run as evaluate
 from clutter_env.evaluation.tables import Row, summarise
 from clutter_env.evaluation.verify import claimed
 from clutter_env.reporting.files import read_json, write_atomically
+from clutter_env.reporting.tables import number_text
 from clutter_env.suites import suite
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -64,7 +65,7 @@ ROWS = (
         Result(name, "lookahead-all")
         for name in ("drawer-5-v1", "cupboard-5-v1", "fridge-10-v1", "blocked-drawer-5-v1")
     ),
-    *(Result("side-15-v3", name) for name in ("keyframes", "greedy")),
+    *(Result("side-15-v3", name) for name in ("keyframes", "greedy", "direct-approach")),
 )
 """The results of the repository."""
 
@@ -132,7 +133,7 @@ def table(rows: Sequence[tuple[Result, Row]], known: Mapping[str, str]) -> str:
         clean, moved = summary.clean, summary.moved_per_floor
         lines.append(
             f"| `{row.file.name}` | `{row.policy}` | {summary.episodes}: {about} | "
-            f"{clean.mean:.2f} [{clean.low:.2f}, {clean.high:.2f}] | {moved.mean:.2f} | `{digest[:12]}` |"
+            f"{clean.mean:.2f} [{clean.low:.2f}, {clean.high:.2f}] | {number_text(moved.mean)} | `{digest[:12]}` |"
         )
     lines += [
         "",
@@ -140,7 +141,8 @@ def table(rows: Sequence[tuple[Result, Row]], known: Mapping[str, str]) -> str:
         "[What a results file holds, and what it proves](../docs/verification.md).",
         "",
         "`cards.json` has the scores of the [task cards](../docs/environments/cards/index.md) that no other file has: "
-        "`python -m scripts.card_scores` makes them again.",
+        "`python -m scripts.card_scores` makes them again. `audits.json` has the small audits of the "
+        "[suites](../docs/audit.md): `python -m scripts.audits`.",
         "",
     ]
     return "\n".join(lines)

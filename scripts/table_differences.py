@@ -23,7 +23,7 @@ SCENES = 100
 def rates(page: str) -> dict[str, list[int]]:
     """Clean successes of 100 by suite, of the policies that have played it; the first table of a page."""
     lines = page.split("\n|", 1)[1].split("\n\n", 1)[0].splitlines()[2:]
-    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    rows = [[cell.strip() for cell in line.replace("**", "").strip("|").split("|")] for line in lines]
     return {
         name.strip("`*"): [round(SCENES * float(cell.split()[0])) for cell in cells if re.match(r"\d", cell)]
         for name, *cells in rows

@@ -235,6 +235,17 @@ def test_the_results_in_readme_are_those_of_the_results_page() -> None:
     assert all(row in results for row in table)
 
 
+def test_the_figures_with_a_file_are_bold_and_no_others() -> None:
+    policies = ("lookahead", "keyframes", "greedy", "direct-approach")
+    files = {file.name.removesuffix(".json.xz") for file in (ROOT / "results").glob("*.xz")}
+    for cells in rows("docs/results.md", "## Policies on suites"):
+        suite = cells[0].split("`")[1]
+        for policy, cell in zip(policies, cells[1:], strict=True):
+            names = (policy, f"{policy}-all", f"{policy}-shelf")
+            has_file = any(f"{suite}_{name}" in files for name in names)
+            assert (cell.startswith("**") and cell.endswith("**")) == has_file, (suite, policy)
+
+
 def test_readme_says_of_libero_what_its_page_says() -> None:
     text = " ".join(PAGES["README.md"].split())
     for suite in ("libero_goal", "libero_spatial", "libero_object"):

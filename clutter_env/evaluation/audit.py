@@ -7,18 +7,20 @@ where the difference from the next policy is smaller than so many scenes can sho
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass
 
 from clutter_env.errors import LearningError
 from clutter_env.evaluation.audit_plan import AuditPlan
-from clutter_env.evaluation.blind import ROBOT, Demonstrations, blind, nearest, robot_only
+from clutter_env.evaluation.blind import ROBOT, Demonstrations, Replay, blind, nearest, robot_only
 from clutter_env.evaluation.evaluate import Evaluation, evaluate
 from clutter_env.evaluation.paired import fewest_won, smallest_shown
 from clutter_env.evaluation.resampled import Spread, resampled
 from clutter_env.evaluation.scenes import SceneSet
+from clutter_env.evaluation.score import play_scene
 from clutter_env.policies.protocol import AnyPolicy
-from clutter_env.policies.registry import policy_families
-from clutter_env.reporting.intervals import Interval
+from clutter_env.policies.registry import PolicyTraits, policy_families
+from clutter_env.reporting.intervals import Interval, wilson
 
 BLIND_SHARE = 0.3
 """Share of the expert's score from which a blind policy shows that a suite does not ask for perception."""
@@ -49,7 +51,8 @@ class Audit:
         suite: its name.
         scenes: number that were played, the first ones of the test split.
         demonstrations: of the expert on the validation split that were clean successes.
-        expert: its name, and `expert_clean` its success on the same scenes.
+        expert: its name, and `expert_clean` its success on the first of the same scenes, as many as the plan says; in
+            its demonstrations if the plan says 0.
         played: the policies that see less, or know little.
         spread: over other suites by the same rules; None if none were drawn.
         fewest_won: see `paired.fewest_won`, for this number of scenes.
@@ -88,14 +91,16 @@ def audit(suite: str, plan: AuditPlan, tick: Callable[[], object] = lambda: None
     if scenes.family not in policy_families(plan.expert):
         raise LearningError(f"{plan.expert} cannot play {scenes.name} ({scenes.family}): name another --expert")
 
-    def play(policy: str | AnyPolicy, on: SceneSet) -> Evaluation:
-        return evaluate(policy, on, workers=plan.workers if isinstance(policy, str) else 1, tick=tick)
+    def demonstrated(on: SceneSet) -> Evaluation:
+        return evaluate(plan.expert, on, workers=plan.workers, tick=tick)
 
-    expert = play(plan.expert, scenes).clean
-    known = Demonstrations.of(play(plan.expert, SceneSet(suite, "validation", count=plan.demonstrations)))
-    played = []
+    demonstrations = demonstrated(SceneSet(suite, "validation", count=plan.demonstrations))
+    count = expert_scenes(plan)
+    expert = demonstrated(SceneSet(suite, count=count)).clean if count else demonstrations.clean
+    known = Demonstrations.of(demonstrations)
+    played, outcomes = [], Outcomes(scenes)
     for name, policy, is_blind in _policies(known, plan.network):
-        clean = play(policy, scenes).clean
+        clean = wilson(outcomes.wins(policy, tick), plan.scenes)
         played.append(Played(name, clean, clean.mean / expert.mean if expert.mean else 0.0, is_blind))
     spread = None
     if plan.suites:
@@ -113,10 +118,43 @@ def audit(suite: str, plan: AuditPlan, tick: Callable[[], object] = lambda: None
     )
 
 
+class Outcomes:
+    """Which scenes the policies of an audit win.
+
+    They play in this process, and are scored as they play: they are the package's own, so that the replay in another
+    process, which `evaluate` makes of every episode, would double the time for nothing. Several of them play the same
+    demonstration in a scene; it is played once.
+    """
+
+    def __init__(self, scenes: SceneSet) -> None:
+        self._scenes = scenes
+        self._known: dict[tuple[int, bytes], bool] = {}
+
+    def wins(self, policy: AnyPolicy, tick: Callable[[], object] = lambda: None) -> int:
+        """Number of scenes that a policy wins."""
+        won = 0
+        with closing(self._scenes.scenes[0].make(**PolicyTraits.of(policy).env_keywords)) as env:
+            for scene in self._scenes.scenes:
+                if not isinstance(policy, Replay):
+                    won += play_scene(scene, env, policy).clean
+                else:
+                    key = (scene.seed, policy.chosen(scene.reset(env)[0]).tobytes())
+                    if key not in self._known:
+                        self._known[key] = play_scene(scene, env, policy).clean
+                    won += self._known[key]
+                tick()
+        return won
+
+
+def expert_scenes(plan: AuditPlan) -> int:
+    """Number of test scenes that the expert plays."""
+    return plan.scenes if plan.expert_scenes is None else min(plan.expert_scenes, plan.scenes)
+
+
 def episodes_of(plan: AuditPlan) -> int:
     """Number of episodes that an audit plays."""
-    policies = 1 + 3 + 3 * plan.network + plan.suites
-    return policies * plan.scenes + plan.demonstrations
+    policies = 3 + 3 * plan.network + plan.suites
+    return policies * plan.scenes + expert_scenes(plan) + plan.demonstrations
 
 
 def _policies(known: Demonstrations, network: bool) -> Iterator[tuple[str, AnyPolicy, bool]]:

@@ -13,6 +13,9 @@ class AuditPlan:
     """The policy that demonstrates, and with whose success the others are compared."""
     scenes: int = 100
     """Number of scenes, the first ones of the test split."""
+    expert_scenes: int | None = None
+    """Of those, the number that the expert plays too, all if not given; with 0 its score is that of its demonstrations,
+    which saves time."""
     demonstrations: int = 100
     """Number of scenes of the validation split on which the expert demonstrates."""
     network: bool = False

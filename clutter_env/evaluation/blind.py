@@ -19,11 +19,14 @@ from clutter_env.errors import LearningError
 from clutter_env.evaluation.evaluate import Evaluation
 from clutter_env.evaluation.scenes import Scene
 from clutter_env.evaluation.score import play_scene
+from clutter_env.task import family
 
 ROBOT = ("robot", "tcp", "gripper")
 """Entries of an observation that show the robot alone."""
 CANDIDATES, TRIALS = 6, 10
 """Sequences of actions that are tried for the blind policy, each on so many scenes."""
+SELDOM = 10
+"""Control steps between images that nobody looks at, the most that Search allows."""
 _CONSTANT = 1e-6
 """A number that varies less between demonstrations is no part of what looks alike."""
 
@@ -66,9 +69,15 @@ class Demonstrations:
         return cls(mode, tuple(scene for scene, _ in won), first, tuple(recording.actions for _, recording in won))
 
     @property
-    def env_keywords(self) -> dict[str, str]:
+    def env_keywords(self) -> dict[str, Any]:
         """Of the environment in which the actions mean what they meant."""
         return {"control_mode": self.control_mode}
+
+    @property
+    def replay_keywords(self) -> dict[str, Any]:
+        """The same, for a policy that looks at the first observation alone: Search shows few of the images after it."""
+        seldom = {"frame_every": SELDOM} if family(self.scenes[0].env_id) == "search" else {}
+        return self.env_keywords | seldom
 
     @property
     def longest(self) -> int:
@@ -85,7 +94,7 @@ class Replay:
     """
 
     def __init__(self, known: Demonstrations, entries: Sequence[str]) -> None:
-        self.env_keywords = known.env_keywords
+        self.env_keywords = known.replay_keywords
         self._known, self._entries = known, tuple(entries)
         self._left: list[NDArray[np.float32]] | None = None
         self.done = False
@@ -101,11 +110,15 @@ class Replay:
         """Start an episode."""
         self._left, self.done = None, False
 
+    def chosen(self, observation: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
+        """(steps, n) The actions that it plays where it sees this at first."""
+        apart = np.linalg.norm(self._seen - self._vector(observation) * self._scale, axis=1)
+        return self._known.actions[int(apart.argmin())]
+
     def act(self, observation: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
         """The next action of the demonstration that was chosen at the first."""
         if self._left is None:
-            apart = np.linalg.norm(self._seen - self._vector(observation) * self._scale, axis=1)
-            self._left = list(self._known.actions[int(apart.argmin())][::-1])
+            self._left = list(self.chosen(observation)[::-1])
         action = self._left.pop()
         self.done = not self._left
         return action
@@ -115,7 +128,7 @@ def blind(known: Demonstrations) -> Replay:
     """The sequence of actions, among some that were demonstrated, that wins most of the demonstrations' scenes."""
     chosen = range(min(CANDIDATES, len(known.actions)))
     scenes = known.scenes[-TRIALS:]
-    with closing(scenes[0].make(**known.env_keywords)) as env:
+    with closing(scenes[0].make(**known.replay_keywords)) as env:
         wins = [sum(play_scene(scene, env, _only(known, k)).clean for scene in scenes) for k in chosen]
     return _only(known, int(np.argmax(wins)))
 

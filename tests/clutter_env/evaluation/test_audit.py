@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.stats import binomtest
 
 from clutter_env.cli.main import main
 from clutter_env.errors import LearningError
-from clutter_env.evaluation.audit import Played, audit, episodes_of
+from clutter_env.evaluation.audit import Outcomes, Played, audit, episodes_of, expert_scenes
 from clutter_env.evaluation.audit_plan import AuditPlan
 from clutter_env.evaluation.blind import Demonstrations, Replay, blind, nearest, robot_only
 from clutter_env.evaluation.evaluate import evaluate
@@ -114,6 +115,31 @@ def test_who_sees_the_whole_scene_plays_a_known_scene_as_it_was_demonstrated(kno
     assert [score.clean for score in found.scores] == [True] * 6
 
 
+def test_the_audit_s_own_policies_win_what_a_replay_says(known: Demonstrations) -> None:
+    """They are scored as they play: half the time of `evaluate`, and no other process."""
+    ticks: list[None] = []
+    others = SceneSet(env_id="clutter_env/ArmReach-v0", count=6, first_seed=6)
+    for scenes in (ARM, others):
+        outcomes = Outcomes(scenes)
+        for policy in (blind(known), nearest(known)):
+            assert outcomes.wins(policy, lambda: ticks.append(None)) == evaluate(policy, scenes).num_clean
+        again = len(outcomes._known)
+        outcomes.wins(nearest(known))
+        assert len(outcomes._known) == again, "what was played in a scene is not played again"
+    assert len(ticks) == 24
+
+
+def test_images_that_nobody_looks_at_are_seldom_rendered(known: Demonstrations) -> None:
+    assert nearest(known).env_keywords == known.env_keywords
+    hidden = replace(known, scenes=SceneSet("hidden-shelf-10-v2", count=1).scenes)
+    assert nearest(hidden).env_keywords == {**known.env_keywords, "frame_every": 10}
+
+
+def test_an_expert_may_play_fewer_scenes_than_the_others() -> None:
+    assert [expert_scenes(AuditPlan(scenes=12, expert_scenes=count)) for count in (None, 0, 5, 20)] == [12, 0, 5, 12]
+    assert episodes_of(AuditPlan(scenes=12, expert_scenes=0, demonstrations=4)) == 3 * 12 + 4
+
+
 def test_a_network_learns_what_it_is_shown(known: Demonstrations, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("torch")
     from clutter_env.evaluation import small_network
@@ -162,8 +188,10 @@ def test_the_differences_of_results_files_are_tested_in_pairs(
 
 
 @pytest.mark.slow
-def test_the_audit_of_a_suite_plays_what_it_says() -> None:
-    plan, count = AuditPlan("direct-approach", 2, 10, False, 1), [0]
+@pytest.mark.parametrize("expert_scenes", [None, 0])
+def test_the_audit_of_a_suite_plays_what_it_says(expert_scenes: int | None) -> None:
+    plan = AuditPlan("direct-approach", 2, expert_scenes, demonstrations=10, suites=1)
+    count = [0]
     found = audit("all-25-v3", plan, lambda: count.__setitem__(0, count[0] + 1))
     assert count == [episodes_of(plan)]
     assert (found.scenes, len(found.played), found.fewest_won) == (2, 3, None)
