@@ -163,6 +163,7 @@ def _spec_of(start: dict[str, Any]) -> mujoco.MjSpec:
         needed.update(sites[name]["joints"] if name in sites else start["object_joints"].get(name, ()))
     for body in (one for one in spec.bodies if any(j.type == mujoco.mjtJoint.mjJNT_FREE for j in one.joints)):
         _make_round(spec, body)
+        _make_upright(body, data.body(body.name).xmat.reshape(3, 3))
     for joint in spec.joints:
         if joint.type != mujoco.mjtJoint.mjJNT_FREE and joint.name not in needed:
             joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE  # without a range nothing counts as opening
@@ -207,6 +208,27 @@ def _make_round(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
                 mass=0.05,
             )
             return
+
+
+def _make_upright(body: mujoco.MjsBody, rotation: np.ndarray) -> None:
+    """Name the axes of a single box or cylinder anew, so that z is the one that points up in its frozen state.
+
+    LIBERO's books stand on their heads and its boxes lie: the planner would take them for fallen, which are put down
+    at any angle about the vertical, and so fit into no narrow place.
+    """
+    solids = [one for one in body.geoms if one.contype or one.conaffinity]
+    if len(solids) != 1 or solids[0].type not in (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER):
+        return
+    (solid,) = solids
+    own = Rotation.from_quat(solid.quat, scalar_first=True).as_matrix()
+    up = rotation[2] @ own
+    axis = int(np.abs(up).argmax()) if solid.type == mujoco.mjtGeom.mjGEOM_BOX else 2
+    if up[axis] < 0.0 or axis != 2:
+        x, y = ((axis + 1) % 3, (axis + 2) % 3)
+        turn = np.zeros((3, 3))
+        turn[[x, y, axis], range(3)] = 1.0, np.sign(up[axis]), np.sign(up[axis])
+        solid.quat = Rotation.from_matrix(own @ turn).as_quat(scalar_first=True)
+        solid.size = np.abs(solid.size @ turn)
 
 
 @cache

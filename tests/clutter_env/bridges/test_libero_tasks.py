@@ -246,6 +246,38 @@ def test_a_can_of_many_boxes_is_a_cylinder_and_what_is_hollow_or_has_corners_is_
     assert can.size[:2] == pytest.approx((0.032, 0.04), abs=0.001)
 
 
+@pytest.mark.parametrize("quat", [(0.0, 1.0, 0.0, 0.0), (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0), (0.5, 0.5, 0.5, 0.5)])
+def test_a_box_that_stands_on_another_of_its_sides_is_upright_and_as_large(quat: tuple[float, ...]) -> None:
+    """A book that stands on its head fitted into no compartment: it was taken for fallen."""
+    spec = mujoco.MjSpec.from_string(
+        """<mujoco><worldbody><body name="book"><freejoint/>
+        <geom name="cover" type="box" size="0.02 0.05 0.08" quat="0.9239 0 0.3827 0"/></body></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(spec.compile())
+    turn = np.zeros(4)
+    mujoco.mju_mulQuat(turn, np.array(quat), np.array((0.9239, 0.0, -0.3827, 0.0)))
+    data.qpos[3:] = turn
+    before = _spans_in(spec, turn)
+    mujoco.mj_kinematics(spec.compile(), data)
+    libero_tasks._make_upright(spec.body("book"), data.body("book").xmat.reshape(3, 3))
+    after, model = _spans_in(spec, turn), spec.compile()
+    assert after == pytest.approx(before, abs=1e-4)
+    data = mujoco.MjData(model)
+    data.qpos[3:] = turn
+    mujoco.mj_kinematics(model, data)
+    assert data.geom("cover").xmat[8] == pytest.approx(1.0, abs=1e-4)
+    assert np.linalg.det(data.geom("cover").xmat.reshape(3, 3)) == pytest.approx(1.0)
+
+
+def _spans_in(spec: mujoco.MjSpec, quaternion: np.ndarray) -> np.ndarray:
+    """(3,) [m] half extents of the one geom along the axes of the world."""
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qpos[3:] = quaternion
+    mujoco.mj_kinematics(model, data)
+    return np.asarray(np.abs(data.geom(0).xmat.reshape(3, 3)) @ model.geom(0).size)
+
+
 def _scene(one: LiberoTask) -> Scene:
     world = one.world
     return Scene.from_mujoco(world.model, world.data, world.robot, movable=world.object_names)
