@@ -149,10 +149,12 @@ def episode(remote: Remote | None, id: str, seed: int, arguments: Arguments) -> 
     report = expert.report
     if isinstance(task, FetchTask):
         task.finish()
-    limits = {"limit": task.limit, "solved_at": task.solved_at} if isinstance(task, LiberoTask) else {}
+    limits: dict[str, Any] = {}
+    if isinstance(task, LiberoTask):  # its evaluations end where the check first holds
+        limits = {"limit": task.limit, "solved_at": task.solved_at, "at_end": task.is_solved}
     return row | {
         "executed": report.executed or task.is_solved,
-        "scored": task.is_solved,
+        "scored": task.is_solved or limits.get("solved_at") is not None,
         "failure": report.failure,
         "replans": report.replans,
         "deviations": list(report.deviations),
