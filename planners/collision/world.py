@@ -355,7 +355,9 @@ def with_clearance_around(world: CollisionWorld, name: str) -> CollisionWorld:
     return replace(world, yields=yields, aside=tuple(aside.tolist())) if yields or aside.any() else world
 
 
-def _shift_off(world: CollisionWorld, body: Body, other: Body, sizes: Array, lacks: float) -> Array:
+def _shift_off(
+    world: CollisionWorld, body: Body, other: Body, sizes: NDArray[np.float64], lacks: float
+) -> NDArray[np.float64]:
     """The least of some horizontal shifts (3,) [m], in the object's frame, that takes it `lacks` [m] off another one.
 
     Zero if none does, or if both stand one above the other.

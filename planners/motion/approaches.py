@@ -140,7 +140,7 @@ class ContactQuery:
 
     @property
     def patterns(self) -> tuple[ApproachPattern, ...]:
-        """All patterns in the order of the tries. Those with a drive are used under a shelf only, if the base drives."""
+        """All patterns in the order of the tries. Those with a drive are for a base that drives, under a shelf."""
         if is_handle(self.empty.world.scene, self.held.name):
             return _TO_HANDLES
         if not self.is_covered or self.empty.world.scene.robot.base_drive == "fixed":
