@@ -17,8 +17,9 @@ def _close(gap: float, kind: str = "box") -> Scene:
     """An object on the table, and another one beside it at that distance [m], which may be negative."""
     half, place = np.array([0.022, 0.022, 0.08]), np.array([-0.2, 0.0, HEIGHT + 0.08])
     one, other = (
-        Body(name, kind, half, place + [0.0, y, 0.0], UPRIGHT) for name, y in (("a", 0.0), ("b", 0.044 + gap))
-    )  # type: ignore[arg-type]  # a shape
+        Body(name, kind, half, place + [0.0, y, 0.0], UPRIGHT)  # type: ignore[arg-type]  # a shape
+        for name, y in (("a", 0.0), ("b", 0.044 + gap))
+    )
     return table_scene(one, other)
 
 
