@@ -32,7 +32,7 @@ from clutter_env.bridges.libero_goals import wanted_in
 from clutter_env.bridges.osc_task import BESIDE, OscTask
 from clutter_env.bridges.remote import Remote
 from planners import ControlledWorld, ExpertConfig, FollowingPlanner, MonitorConfig
-from planners.grasping.families import GRASP_SETS, TOP
+from planners.grasping.families import GRASP_SETS, TOP, AntipodalFamily
 
 SETTLE = 10
 """Steps in which objects come to rest, as in LIBERO's evaluations; they are not counted."""
@@ -54,8 +54,11 @@ _SLIP = 0.05
 _MANY, _ROUND, _NEAR_END, _FILLED = 8, 0.8, 0.2, 0.85
 """Boxes from which on a body may be a cylinder; share of a circle that its ends cover at least; share of its half
 length within which points are at an end; and share of its length that a box in its middle has."""
+_INSET = 0.012
+"""[m] below the rim of a bowl at least. The gripper comes to within 6 mm of where it closes, and its tips reach 2.3 mm
+beyond the TCP: 6 mm below the rim they missed the bowl on the stove twice, and the hand left without it."""
 _GRASPS = (
-    *GRASP_SETS["all"],
+    *(replace(one, inset=_INSET) if isinstance(one, AntipodalFamily) else one for one in GRASP_SETS["all"]),
     *(replace(TOP, name=f"top, {1000 * x:+.0f} mm off the middle", axis_offset=x, shape="box") for x in (0.02, -0.02)),
 )
 """Boxes lie beside cans that the palm would touch."""
