@@ -62,6 +62,8 @@ _GRASPS = (
     *(replace(TOP, name=f"top, {1000 * x:+.0f} mm off the middle", axis_offset=x, shape="box") for x in (0.02, -0.02)),
 )
 """Boxes lie beside cans that the palm would touch."""
+_ON_ITS_HEAD = 0.99
+"""Cosine of the tilt up to which an object stands on its head."""
 _SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 _CLEAR = 0.03
 """[m] between what the arm is bolted to and its lowest shapes: in LIBERO they touch, which is no collision."""
@@ -214,24 +216,17 @@ def _make_round(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 
 
 def _make_upright(body: mujoco.MjsBody, rotation: np.ndarray) -> None:
-    """Name the axes of a single box or cylinder anew, so that z is the one that points up in its frozen state.
+    """Turn the axes of a single box or cylinder over that stands on its head in its frozen state.
 
-    LIBERO's books stand on their heads and its boxes lie: the planner would take them for fallen, which are put down
-    at any angle about the vertical, and so fit into no narrow place.
+    The planner would take it for fallen: such an object is put down at any angle about the vertical, and fits into no
+    narrow place. What lies on a side may well be put down on another one, and stays as it is.
     """
     solids = [one for one in body.geoms if one.contype or one.conaffinity]
     if len(solids) != 1 or solids[0].type not in (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER):
         return
-    (solid,) = solids
-    own = Rotation.from_quat(solid.quat, scalar_first=True).as_matrix()
-    up = rotation[2] @ own
-    axis = int(np.abs(up).argmax()) if solid.type == mujoco.mjtGeom.mjGEOM_BOX else 2
-    if up[axis] < 0.0 or axis != 2:
-        x, y = ((axis + 1) % 3, (axis + 2) % 3)
-        turn = np.zeros((3, 3))
-        turn[[x, y, axis], range(3)] = 1.0, np.sign(up[axis]), np.sign(up[axis])
-        solid.quat = Rotation.from_matrix(own @ turn).as_quat(scalar_first=True)
-        solid.size = np.abs(solid.size @ turn)
+    own = Rotation.from_quat(solids[0].quat, scalar_first=True)
+    if rotation[2] @ own.as_matrix()[:, 2] < -_ON_ITS_HEAD:
+        solids[0].quat = (own * Rotation.from_rotvec((math.pi, 0.0, 0.0))).as_quat(scalar_first=True)
 
 
 @cache

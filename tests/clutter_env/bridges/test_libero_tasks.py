@@ -260,8 +260,16 @@ def test_a_can_of_many_boxes_is_a_cylinder_and_what_is_hollow_or_has_corners_is_
     assert can.size[:2] == pytest.approx((0.032, 0.04), abs=0.001)
 
 
-@pytest.mark.parametrize("quat", [(0.0, 1.0, 0.0, 0.0), (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0), (0.5, 0.5, 0.5, 0.5)])
-def test_a_box_that_stands_on_another_of_its_sides_is_upright_and_as_large(quat: tuple[float, ...]) -> None:
+@pytest.mark.parametrize(
+    ("quat", "up"),
+    [
+        ((0.0, 1.0, 0.0, 0.0), 1.0),
+        ((0.5, 0.5, 0.5, 0.5), 0.0),
+        ((1.0, 0.0, 0.0, 0.0), 1.0),
+        ((0.0, 0.6, 0.8, 0.0), 1.0),
+    ],
+)
+def test_a_box_on_its_head_is_upright_and_as_large_and_one_that_lies_is_not(quat: tuple[float, ...], up: float) -> None:
     """A book that stands on its head fitted into no compartment: it was taken for fallen."""
     spec = mujoco.MjSpec.from_string(
         """<mujoco><worldbody><body name="book"><freejoint/>
@@ -279,7 +287,7 @@ def test_a_box_that_stands_on_another_of_its_sides_is_upright_and_as_large(quat:
     data = mujoco.MjData(model)
     data.qpos[3:] = turn
     mujoco.mj_kinematics(model, data)
-    assert data.geom("cover").xmat[8] == pytest.approx(1.0, abs=1e-4)
+    assert data.geom("cover").xmat[8] == pytest.approx(up, abs=1e-4)
     assert np.linalg.det(data.geom("cover").xmat.reshape(3, 3)) == pytest.approx(1.0)
 
 
