@@ -14,7 +14,7 @@ import numpy as np
 
 from planners.clock import Deadline
 from planners.collision.opened import riding, without_moving
-from planners.collision.world import CompiledScenes
+from planners.collision.world import CompiledScenes, with_clearance_around
 from planners.goals import Before, Goal, GoalError
 from planners.motion.tcp_following import TcpFollower, follow
 from planners.planner import Planner
@@ -103,7 +103,10 @@ class FollowingPlanner(Planner):
             here: Scene = action.scene
             if _is_pull(action):  # it moves with the hand
                 here = without_moving(here)
-            hits = followed.hits(compiled.world(here).with_padding(0.0), here.mask(_own(action, solution.goal)))
+            world = compiled.world(here).with_padding(0.0)
+            if action.name == "PickUp" and action.target in here.names:
+                world = with_clearance_around(world, action.target)  # what it touches from the start
+            hits = followed.hits(world, here.mask(_own(action, solution.goal)))
             touched += len(action.scene.names_of(hits))
             steps, q = steps + len(followed.configurations), followed.configurations[-1, 3:]
         is_late = self.steps_left is not None and steps > self.steps_left()

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from clutter_env.bridges.fetch_tasks import DOWN, FetchTask
 from clutter_env.bridges.kinder_tasks import GRASPS as KINDER_GRASPS, KinderTask
 from clutter_env.bridges.kitchen_tasks import BARS, KitchenTask
-from clutter_env.bridges.libero_tasks import LiberoTask
+from clutter_env.bridges.libero_tasks import LIMITS, LiberoTask
 from clutter_env.bridges.metaworld_tasks import DOWN as METAWORLD_GRASPS, MetaworldTask
 from clutter_env.bridges.remote import BridgeError, Remote
 from clutter_env.bridges.robosuite_tasks import RobosuiteTask
@@ -149,10 +149,12 @@ def episode(remote: Remote | None, id: str, seed: int, arguments: Arguments) -> 
     report = expert.report
     if isinstance(task, FetchTask):
         task.finish()
-    limits = {"limit": task.limit, "solved_at": task.solved_at} if isinstance(task, LiberoTask) else {}
+    limits: dict[str, Any] = {}
+    if isinstance(task, LiberoTask):  # its evaluations end where the check first holds
+        limits = {"limit": task.limit, "solved_at": task.solved_at, "at_end": task.is_solved}
     return row | {
         "executed": report.executed or task.is_solved,
-        "scored": task.is_solved,
+        "scored": task.is_solved or limits.get("solved_at") is not None,
         "failure": report.failure,
         "replans": report.replans,
         "deviations": list(report.deviations),
@@ -225,21 +227,32 @@ def table(rows: list[dict[str, Any]]) -> Iterator[str]:
 
 
 def libero_table(rows: list[dict[str, Any]]) -> Iterator[str]:
-    """Lines of Markdown, one for each suite of LIBERO: scored at all, and before evaluations of policies end."""
-    suites = dict.fromkeys(row["task"].split("/")[1] for row in rows if row["task"].startswith("libero/"))
+    """Lines of Markdown, one for each suite of LIBERO and each kind of LIBERO-PRO's variants of them.
+
+    They count what was scored at all, and before evaluations of policies end.
+    """
+    suites = dict.fromkeys(suite_of(row["task"]) for row in rows if row["task"].startswith("libero/"))
     if suites:
         yield ""
         yield "| suite | episodes | planned | executed | scored | scored within | first plan, CPU s (median) | steps |"
         yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
     for suite in suites:
-        own = [row for row in rows if row["task"].startswith(f"libero/{suite}/")]
+        own = [row for row in rows if row["task"].startswith("libero/") and suite_of(row["task"]) == suite]
         counts = " | ".join(str(sum(row[key] for row in own)) for key in ("planned", "executed", "scored"))
         solved = [row for row in own if row["scored"] and row["solved_at"] is not None]
         within = sum(row["limit"] is not None and row["solved_at"] <= row["limit"] for row in solved)
-        limit = next((row["limit"] for row in solved), None)
+        limits = {row["limit"] for row in solved}
+        steps_at_most = f" ({limits.pop()} steps)" if len(limits) == 1 else ""
         numbers = f"{median([row['cpu'] for row in own if 'cpu' in row] or [math.nan]):.3g}"
         steps = f"{median([row['solved_at'] for row in solved] or [math.nan]):.3g}"
-        yield f"| `{suite}` | {len(own)} | {counts} | {within} ({limit} steps) | {numbers} | {steps} |"
+        yield f"| `{suite}` | {len(own)} | {counts} | {within}{steps_at_most} | {numbers} | {steps} |"
+
+
+def suite_of(task: str) -> str:
+    """A suite of LIBERO; all suites that one kind of variant of LIBERO-PRO is of count as one."""
+    suite = task.split("/")[1]
+    known = max((name for name in LIMITS if suite.startswith(name)), key=len, default="")
+    return suite if known in ("", suite) else f"LIBERO-PRO: {suite.removeprefix(f'{known}_')}"
 
 
 if __name__ == "__main__":

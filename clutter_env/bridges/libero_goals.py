@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from clutter_env.bridges.remote import BridgeError
 from planners import ControlledWorld, Goal, Region, Scene, goals
+from planners.facts import YAW_TOLERANCE
 from planners.hollows import hollow_of
 from planners.scene import Opening, StaticObstacle
 
@@ -107,9 +108,9 @@ class Translation:
         """(3,) [m] in the scene: LIBERO's checks are about origins of bodies."""
         return np.asarray(self._data.body(self._root(name)).xpos - (0.0, 0.0, self._scene.ground))
 
-    def _off_middle(self, name: str) -> float:
-        """[m] from an object's origin to the middle that the planner places, seen from above."""
-        return float(np.hypot(*(self._scene.body(self._root(name)).position - self._origin_of(name))[:2]))
+    def _off_middle(self, name: str) -> Array:
+        """(2,) [m] from an object's origin to the middle that the planner places, seen from above."""
+        return np.asarray((self._scene.body(self._root(name)).position - self._origin_of(name))[:2])
 
     def _on_object(self, name: str, place: str) -> Goal:
         """On another object: planned over its middle, where LIBERO wants the origins one above the other."""
@@ -129,11 +130,19 @@ class Translation:
     def _at_site(self, name: str, site: str, face: StaticObstacle) -> Goal:
         """On a face, the origin over a region; several objects share the area that keeps all origins there."""
         (x, y, _), extent = self._site(site)[0], self._extent(site)
-        one, room = self._root(name), float(extent[:2].min()) - _SPARE - self._off_middle(name)
+        one, away = self._root(name), self._off_middle(name)
+        most = float(extent[:2].min()) - _SPARE
+        room = most - float(np.hypot(*away))
         self._supports.append(face.name)
         if sum(site in fact for fact in self._start["goal"]) > 1:
             narrow = float(min(self._scene.body(one).half_extents[:2]))
             return self._in_region(one, site, face, np.full(2, max(room, _SPARE) + narrow))
+        if (
+            room < _SPARE < np.hypot(*away)
+        ):  # as of a pan with its handle: where its origin is depends on the yaw, which it keeps
+            pose = (x + away[0], y + away[1], self._scene.body(one).yaw)
+            tolerance = max(most - YAW_TOLERANCE * float(np.hypot(*away)), _SPARE)
+            return goals.on(one, face.name) & goals.at(one, pose, tolerance=tolerance)
         return goals.on(one, face.name) & goals.at(one, (x, y), tolerance=max(room, _SPARE))
 
     def _in_region(self, body: str, site: str, face: StaticObstacle, half: Array) -> Goal:

@@ -32,7 +32,7 @@ from clutter_env.bridges.libero_goals import wanted_in
 from clutter_env.bridges.osc_task import BESIDE, OscTask
 from clutter_env.bridges.remote import Remote
 from planners import ControlledWorld, ExpertConfig, FollowingPlanner, MonitorConfig
-from planners.grasping.families import GRASP_SETS, TOP
+from planners.grasping.families import GRASP_SETS, TOP, AntipodalFamily
 
 SETTLE = 10
 """Steps in which objects come to rest, as in LIBERO's evaluations; they are not counted."""
@@ -54,11 +54,16 @@ _SLIP = 0.05
 _MANY, _ROUND, _NEAR_END, _FILLED = 8, 0.8, 0.2, 0.85
 """Boxes from which on a body may be a cylinder; share of a circle that its ends cover at least; share of its half
 length within which points are at an end; and share of its length that a box in its middle has."""
+_INSET = 0.012
+"""[m] below the rim of a bowl at least. The gripper comes to within 6 mm of where it closes, and its tips reach 2.3 mm
+beyond the TCP: 6 mm below the rim they missed the bowl on the stove twice, and the hand left without it."""
 _GRASPS = (
-    *GRASP_SETS["all"],
+    *(replace(one, inset=_INSET) if isinstance(one, AntipodalFamily) else one for one in GRASP_SETS["all"]),
     *(replace(TOP, name=f"top, {1000 * x:+.0f} mm off the middle", axis_offset=x, shape="box") for x in (0.02, -0.02)),
 )
 """Boxes lie beside cans that the palm would touch."""
+_ON_ITS_HEAD = 0.99
+"""Cosine of the tilt up to which an object stands on its head."""
 _SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 _CLEAR = 0.03
 """[m] between what the arm is bolted to and its lowest shapes: in LIBERO they touch, which is no collision."""
@@ -163,6 +168,7 @@ def _spec_of(start: dict[str, Any]) -> mujoco.MjSpec:
         needed.update(sites[name]["joints"] if name in sites else start["object_joints"].get(name, ()))
     for body in (one for one in spec.bodies if any(j.type == mujoco.mjtJoint.mjJNT_FREE for j in one.joints)):
         _make_round(spec, body)
+        _make_upright(body, data.body(body.name).xmat.reshape(3, 3))
     for joint in spec.joints:
         if joint.type != mujoco.mjtJoint.mjJNT_FREE and joint.name not in needed:
             joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE  # without a range nothing counts as opening
@@ -207,6 +213,20 @@ def _make_round(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
                 mass=0.05,
             )
             return
+
+
+def _make_upright(body: mujoco.MjsBody, rotation: np.ndarray) -> None:
+    """Turn the axes of a single box or cylinder over that stands on its head in its frozen state.
+
+    The planner would take it for fallen: such an object is put down at any angle about the vertical, and fits into no
+    narrow place. What lies on a side may well be put down on another one, and stays as it is.
+    """
+    solids = [one for one in body.geoms if one.contype or one.conaffinity]
+    if len(solids) != 1 or solids[0].type not in (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER):
+        return
+    own = Rotation.from_quat(solids[0].quat, scalar_first=True)
+    if rotation[2] @ own.as_matrix()[:, 2] < -_ON_ITS_HEAD:
+        solids[0].quat = (own * Rotation.from_rotvec((math.pi, 0.0, 0.0))).as_quat(scalar_first=True)
 
 
 @cache

@@ -2,7 +2,9 @@
 
     clutter-env export --demos outputs/demos/o15 --to lerobot --out outputs/lerobot/o15 --image-size 96
 
-The demonstrations are those of `clutter-env collect`.
+The demonstrations are those of `clutter-env collect`. Of LIBERO's tasks they are one file:
+
+    clutter-env export --demos outputs/demos/libero_goal_4_demo.hdf5 --to lerobot --out outputs/lerobot/libero_goal_4
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ class Arguments:
     to: Literal["lerobot", "minari", "hdf5", "robomimic"]
     """"lerobot" (format v3.0) and "minari" are directories; "hdf5" (one group an episode) and "robomimic" are files."""
     demos: tuple[Path, ...]
-    """Directories that `clutter-env collect` made, alike but for their seeds; all of them become one dataset."""
+    """Directories that `clutter-env collect` made, alike but for their seeds; all of them become one dataset. Or
+    one file of a task of LIBERO."""
     out: Path | None = None
     """Where to write; without it outputs/exports/FORMAT, and ….hdf5 for a file. It must not exist."""
     observations: Literal["images", "state", "environment_state", ""] = ""
@@ -47,7 +50,6 @@ def run(arguments: Arguments) -> None:
     from clutter_env.data.lerobot import export_lerobot
     from clutter_env.data.minari import export_minari
     from clutter_env.errors import LearningError
-    from clutter_env.reporting.files import write_json
     from clutter_env.reporting.progress import progress_bar
 
     if (arguments.image_size or arguments.observations or arguments.cameras) and arguments.to != "lerobot":
@@ -57,6 +59,9 @@ def run(arguments: Arguments) -> None:
         )
     if not arguments.demos:
         raise LearningError("--demos names no directory")
+    if len(arguments.demos) == 1 and arguments.demos[0].is_file():
+        _export_libero(arguments)
+        return
     dataset = Shards.of(arguments.demos)
     if not (episodes := len(dataset)):
         raise LearningError(f"{', '.join(map(str, arguments.demos))}: no episodes")
@@ -79,6 +84,25 @@ def run(arguments: Arguments) -> None:
         path = export_minari(dataset, out)
     else:
         path = export_hdf5(dataset, out, robomimic=arguments.to == "robomimic")
+    _tell(arguments, path, episodes)
+
+
+def _export_libero(arguments: Arguments) -> None:
+    """Export a file in LIBERO's layout, and print the path written."""
+    from clutter_env.data.libero import export_libero
+    from clutter_env.errors import LearningError
+
+    if arguments.to != "lerobot" or arguments.image_size or arguments.observations or arguments.cameras:
+        raise LearningError("a file of LIBERO's demonstrations is exported --to lerobot, with the images that it has")
+    out = arguments.out or Path("outputs/exports") / arguments.to
+    out.parent.mkdir(parents=True, exist_ok=True)
+    _tell(arguments, out, export_libero(arguments.demos[0], out))
+
+
+def _tell(arguments: Arguments, path: Path, episodes: int) -> None:
+    """Print where an export is, and write it where asked."""
+    from clutter_env.reporting.files import write_json
+
     files = [path] if path.is_file() else [file for file in path.rglob("*") if file.is_file()]
     size = sum(file.stat().st_size for file in files)
     print(f"{episodes} episodes in {path}: {size / 1e6:.1f} MB")

@@ -14,7 +14,7 @@ import importlib
 import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import tee
 from pathlib import Path
@@ -163,16 +163,49 @@ class _Files:
         return self._file
 
 
-def _write(
-    dataset: Dataset, directory: Path, found: Iterator[Episode], observations: str, tick: Callable[[], object]
+@dataclass(frozen=True)
+class Frames:
+    """One episode of T frames.
+
+    Attributes:
+        columns: (T, k) or (T,) numbers by feature, with "action", "next.reward", "next.done" and "next.success".
+        images: (T, h, w, 3) before each action, by camera.
+        names: of the k numbers, by feature.
+    """
+
+    columns: dict[str, NDArray[Any]]
+    images: dict[str, NDArray[np.uint8]]
+    names: Mapping[str, list[str]]
+
+
+def write_frames(
+    directory: Path,
+    found: Iterator[Frames],
+    count: int,
+    fps: int,
+    robot: str,
+    task: str,
+    tick: Callable[[], object] = lambda: None,
 ) -> None:
+    """Write episodes of one task into an existing, empty directory.
+
+    Args:
+        directory: of the dataset.
+        found: the episodes, all with the same features.
+        count: their number.
+        fps: frames a second.
+        robot: its name.
+        task: what to do, in words.
+        tick: called after each episode.
+
+    Raises:
+        LearningError: pyarrow, or for images PyAV, is not installed.
+    """
     try:
         arrow, parquet = (importlib.import_module(name) for name in ("pyarrow", "pyarrow.parquet"))
     except ModuleNotFoundError as problem:
         raise LearningError(missing_extra(problem) or str(problem)) from problem
-    with closing(dataset.task.make()) as env:
-        fps, robot = int(env.metadata["render_fps"]), str(env.get_wrapper_attr("robot").name)
-    task, count, first = TASKS[dataset.task.family], len(dataset), 0
+    first = 0
     features: dict[str, Any] = {}
     statistics: dict[str, list[dict[str, Any]]] = {}
     lines: list[dict[str, Any]] = []
@@ -188,23 +221,23 @@ def _write(
 
     with ExitStack() as stack:
         data, meta = (_Files(stack, directory / name, ".parquet", _DATA_MB) for name in ("data", "meta/episodes"))
-        for index, episode in enumerate(found):
-            cameras = image_entries(episode.observations) if observations == "images" else {}
-            features = features or _features(episode, observations, cameras, fps)
-            columns = _columns(episode, observations, index, first, fps)
+        for index, frames in enumerate(found):
+            features = features or _features(frames, fps)
+            columns = _numbered(frames, index, first, fps)
+            steps = len(columns["index"])
             line: dict[str, Any] = {
                 "episode_index": index,
                 "tasks": [task],
-                "length": len(episode),
+                "length": steps,
                 "dataset_from_index": first,
-                "dataset_to_index": first + len(episode),
-                **data.place(len(episode), "data"),
+                "dataset_to_index": first + steps,
+                **data.place(steps, "data"),
             }
             append(data, arrow.table({name: column(values) for name, values in columns.items()}))
-            first += len(episode)
+            first += steps
             own = {name: _vector_statistics(values) for name, values in columns.items()}
-            for camera, name in cameras.items():
-                key, images = f"observation.images.{camera}", episode.observations[name][:-1]
+            for camera, images in frames.images.items():
+                key = f"observation.images.{camera}"
                 if key not in videos:
                     videos[key] = _Files(stack, directory / "videos" / key, ".mp4", _VIDEO_MB)
                 line |= videos[key].place(len(images), f"videos/{key}")
@@ -244,8 +277,6 @@ def _write(
         "features": features,
     }
     write_json(directory / "meta/info.json", info)
-    identity = {**dataset.identity, "observations": observations}
-    write_json(directory / "meta/clutter_env.json", identity)  # LeRobot has no place for it
     for name, (entry,) in statistics.items():
         if name in _FEATURES.values():
             entry["std"] = np.maximum(entry["std"], _LEAST_SPREAD)
@@ -254,17 +285,45 @@ def _write(
     write_json(directory / "meta/stats.json", {name: entry for name, (entry,) in statistics.items()})
 
 
-def _columns(episode: Episode, observations: str, index: int, first: int, fps: int) -> dict[str, NDArray[Any]]:
-    """Numbers of an episode, T rows each, by the name of the feature."""
+def _write(
+    dataset: Dataset, directory: Path, found: Iterator[Episode], observations: str, tick: Callable[[], object]
+) -> None:
+    with closing(dataset.task.make()) as env:
+        fps, robot = int(env.metadata["render_fps"]), str(env.get_wrapper_attr("robot").name)
+    frames = (_frames(episode, observations) for episode in found)
+    write_frames(directory, frames, len(dataset), fps, robot, TASKS[dataset.task.family], tick)
+    identity = {**dataset.identity, "observations": observations}
+    write_json(directory / "meta/clutter_env.json", identity)  # LeRobot has no place for it
+
+
+def _frames(episode: Episode, observations: str) -> Frames:
+    """Frames of an episode: the observation before each of its T actions."""
+
+    def column_names(entries: list[str]) -> list[str]:
+        sizes = {entry: episode.observations[entry].shape[1] for entry in entries}
+        columns = {entry: episode.columns[f"observations/{entry}"].names[:size] for entry, size in sizes.items()}
+        return [f"{entry}.{name}" for entry, names in columns.items() for name in names]
+
     steps = len(episode)
-    frame = np.arange(steps, dtype=np.int64)
     parts = {name: values[:-1] for name, values in episode.observations.items()}
     groups = number_groups(parts, observations).items()
-    return {_FEATURES[key]: joined(parts, names) for key, names in groups if names} | {
+    columns = {_FEATURES[key]: joined(parts, names) for key, names in groups if names} | {
         "action": episode.actions.astype(np.float32),
         "next.reward": episode.rewards.astype(np.float32),
-        "next.done": frame == steps - 1,
+        "next.done": np.arange(steps) == steps - 1,
         "next.success": episode.is_success[1:].astype(bool),
+    }
+    cameras = image_entries(episode.observations) if observations == "images" else {}
+    names = {_FEATURES[key]: column_names(entries) for key, entries in groups}
+    names["action"] = list(episode.columns["actions"].names)
+    return Frames(columns, {camera: parts[entry] for camera, entry in cameras.items()}, names)
+
+
+def _numbered(frames: Frames, index: int, first: int, fps: int) -> dict[str, NDArray[Any]]:
+    """Columns of an episode, with those that number its T rows, from `first` on."""
+    steps = len(frames.columns["action"])
+    frame = np.arange(steps, dtype=np.int64)
+    return frames.columns | {
         "timestamp": (frame / fps).astype(np.float32),
         "frame_index": frame,
         "episode_index": np.full(steps, index, np.int64),
@@ -273,23 +332,14 @@ def _columns(episode: Episode, observations: str, index: int, first: int, fps: i
     }
 
 
-def _features(episode: Episode, observations: str, cameras: Mapping[str, str], fps: int) -> dict[str, dict[str, Any]]:
+def _features(frames: Frames, fps: int) -> dict[str, dict[str, Any]]:
     """LeRobot's features: type, shape and names of every column and every video."""
-
-    def column_names(entries: list[str]) -> list[str]:
-        sizes = {entry: episode.observations[entry].shape[1] for entry in entries}
-        columns = {entry: episode.columns[f"observations/{entry}"].names[:size] for entry, size in sizes.items()}
-        return [f"{entry}.{name}" for entry, names in columns.items() for name in names]
-
-    groups = number_groups(episode.observations, observations).items()
-    names = {_FEATURES[key]: column_names(entries) for key, entries in groups}
-    names["action"] = list(episode.columns["actions"].names)
     found: dict[str, dict[str, Any]] = {
-        name: {"dtype": str(values.dtype), "shape": list(values.shape[1:]) or [1], "names": names.get(name)}
-        for name, values in _columns(episode, observations, 0, 0, fps).items()
+        name: {"dtype": str(values.dtype), "shape": list(values.shape[1:]) or [1], "names": frames.names.get(name)}
+        for name, values in _numbered(frames, 0, 0, fps).items()
     }
-    for camera, entry in cameras.items():
-        height, width = episode.observations[entry].shape[1:3]
+    for camera, images in frames.images.items():
+        height, width = images.shape[1:3]
         about = {"height": height, "width": width, "channels": 3, "codec": CODEC, "pix_fmt": PIXELS, "fps": fps}
         about = {f"video.{name}": value for name, value in about.items()}
         found[f"observation.images.{camera}"] = {

@@ -93,6 +93,7 @@ class CollisionWorld:
         robot, obstacles: arrays of both for kernels.
         padding: distance below which solids are in collision [m].
         yields: reduction of the held object's size in checks against objects [m], see `with_clearance_around`.
+        aside: horizontal shift of the held object in these checks (3,) [m], in its frame, see `with_clearance_around`.
     """
 
     scene: Scene
@@ -100,6 +101,7 @@ class CollisionWorld:
     obstacles: Obstacles
     padding: float = PADDING
     yields: float = 0.0
+    aside: tuple[float, ...] = (0.0, 0.0, 0.0)
     _carried: dict[tuple[object, ...], _Carried] = field(repr=False, default_factory=dict)
     _padded: dict[float, CollisionWorld] = field(init=False, repr=False, default_factory=dict)
 
@@ -156,7 +158,7 @@ class CollisionWorld:
         `PADDING`.
         """
         is_in_hand = held is not None and self.scene.held is not None and self.scene.held.name == held.name
-        key = id(held), id(robot), min(self.padding, PADDING), self.yields, is_in_hand
+        key = id(held), id(robot), min(self.padding, PADDING), self.yields, self.aside, is_in_hand
         if key not in self._carried:
             if held is None:
                 width, (attached, scratch) = 0.0, _empty_handed(self.robot, robot)
@@ -172,6 +174,7 @@ class CollisionWorld:
         body = self.scene.body(held.name)
         position, rotation = held.T_tcp_object[:3, 3], held.T_tcp_object[:3, :3]
         solids = body_solids(body.at_pose(np.eye(4)))
+        solids = solids._replace(position=solids.position + self.aside)
         both = join_solids((shrunk_solids(solids, self.yields), self._with_raised_bottom(solids, body, held)))
         return Attached(
             bit=self.scene.index(held.name),
@@ -325,10 +328,12 @@ def with_clearance_around(world: CollisionWorld, name: str) -> CollisionWorld:
 
     Objects under it are lowered by the padding and `SUPPORT_SLACK`. Where others are beside it, or it leans on or
     presses into one, the held object is reduced by the missing distance. So the lift may come nearer to them by
-    `SUPPORT_SLACK` at most. The robot itself keeps the padding from these objects.
+    `SUPPORT_SLACK` at most. The walls of a bowl are too thin for that: it is shifted away by the missing distance
+    instead. The robot itself keeps the padding from these objects.
     """
     body, scene, gap = world.scene.body(name), world.scene, world.padding + SUPPORT_SLACK
     index, obstacles, yields, far = scene.index(name), world.obstacles, 0.0, max(gap, _CONTACT)
+    aside = np.zeros(3)
     away = np.hypot(*(obstacles.centre - obstacles.centre[index])[:, :2].T) - obstacles.radius - obstacles.radius[index]
     above = np.maximum(obstacles.bottom - obstacles.top[index], obstacles.bottom[index] - obstacles.top)
     # Overlaps up to `OVERLAP` are compensated. Objects that overlap more stay in collision.
@@ -343,8 +348,30 @@ def with_clearance_around(world: CollisionWorld, name: str) -> CollisionWorld:
         smaller = ((size, shrunk_solids(obstacles.pieces, size)) for size in sizes)
         rows, others = obstacles.rows(index), (world.obstacles.pieces, obstacles.rows(row))
         apart = (float(size) for size, shrunk in smaller if not _are_near((shrunk, rows), others, lacks))
-        yields = max(yields, next(apart, 0.0))
-    return replace(world, yields=yields) if yields else world
+        least = next(apart, None)
+        if least is None:
+            aside = aside + _shift_off(world, body, other, sizes, lacks)
+        yields = max(yields, least or 0.0)
+    return replace(world, yields=yields, aside=tuple(aside.tolist())) if yields or aside.any() else world
+
+
+def _shift_off(
+    world: CollisionWorld, body: Body, other: Body, sizes: NDArray[np.float64], lacks: float
+) -> NDArray[np.float64]:
+    """The least of some horizontal shifts (3,) [m], in the object's frame, that takes it `lacks` [m] off another one.
+
+    Zero if none does, or if both stand one above the other.
+    """
+    away, scene = body.position - other.position, world.scene
+    away[2] = 0.0
+    if not away.any():
+        return away
+    rows, others = (world.obstacles.rows(scene.index(one.name)) for one in (body, other))
+    for shift in np.outer(sizes, away / np.linalg.norm(away)):
+        shifted = world.with_body(body.at(body.position + shift)).obstacles.pieces
+        if not _are_near((shifted, rows), (world.obstacles.pieces, others), lacks):
+            return np.asarray(body.rotation.T @ shift)
+    return np.zeros(3)
 
 
 def with_clearance_at_ends(world: CollisionWorld, start: Body, end: Body | None) -> CollisionWorld:
@@ -356,7 +383,7 @@ def with_clearance_at_ends(world: CollisionWorld, start: Body, end: Body | None)
     if end is None:
         return left
     come_to = with_clearance_around(left.with_body(end), end.name)
-    return replace(come_to.with_body(start), yields=max(left.yields, come_to.yields))
+    return replace(come_to.with_body(start), yields=max(left.yields, come_to.yields), aside=left.aside)
 
 
 def _stands_on(world: CollisionWorld, body: Body, supporter: Body) -> bool:

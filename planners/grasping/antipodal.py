@@ -24,8 +24,8 @@ Array: TypeAlias = NDArray[np.float64]
 
 _BESIDE = 7
 """Lines through one piece beside each other, and above each other, at most."""
-_INSET = 0.006
-"""[m] of the outermost lines from the ends of a piece, so that the pads find a face."""
+_INSET = AntipodalFamily.inset
+"""[m] of the highest line on which anything is held, from the end of its piece."""
 _THINNEST = 0.001
 """[m] Thinner faces are no piece of an object."""
 _OFF_PADS = 0.008
@@ -163,7 +163,7 @@ def _spans(body: Body, yaw: float, family: AntipodalFamily, lowest: float, wides
     heading = np.array((math.cos(yaw), math.sin(yaw), 0.0))
     across, up = np.array((-heading[1], heading[0], 0.0)), np.array((0.0, 0.0, 1.0))
     lowest += body.bottom - tip * math.sin(family.pitch)
-    grids = [_grid(piece, heading, up, lowest, family.spacing) for piece in body.placed]
+    grids = [_grid(piece, heading, up, lowest, family) for piece in body.placed]
     places = np.unique(np.concatenate(grids).round(_DECIMALS), axis=0)
     if not len(places):
         return []
@@ -186,16 +186,16 @@ def _spans(body: Body, yaw: float, family: AntipodalFamily, lowest: float, wides
     return found
 
 
-def _grid(piece: Solid, heading: Array, up: Array, lowest: float, spacing: float) -> Array:
+def _grid(piece: Solid, heading: Array, up: Array, lowest: float, family: AntipodalFamily) -> Array:
     """Coordinates (n, 2) [m] along the heading and upwards of lines through a piece, none below the `lowest`."""
     axes, sides = np.stack((heading, up)), list[Array]()
     middle, back, ahead = axes @ piece.position, piece.reach(-axes), piece.reach(axes)
     for least, most, limit in zip(middle - back, middle + ahead, (-math.inf, lowest), strict=True):
-        inset = min(_INSET, (most - least) / 2)
+        inset = min(family.inset, (most - least) / 2)
         begin, end = max(least + inset, limit), most - inset
         if begin > end:
             return np.zeros((0, 2))
-        count = 2 * math.ceil((end - begin) / (2 * spacing)) + 1
+        count = 2 * math.ceil((end - begin) / (2 * family.spacing)) + 1
         sides.append(np.linspace(begin, end, min(count, _BESIDE)))
     return np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 2)
 

@@ -109,6 +109,8 @@ class AntipodalFamily:
             an object that is held far from it turns it between the pads.
         max_width: [m] between the fingers of what is grasped so, by default what the gripper spans.
         hangs: of what does not stand, such as handles: the fingertips may reach below it.
+        inset: [m] of the outermost lines from the ends of a piece, so that the pads find a face. An arm that comes less
+            exactly to its grasp needs more.
 
     Raises:
         InvalidGraspFamily: a value out of range.
@@ -123,12 +125,13 @@ class AntipodalFamily:
     lever: tuple[float, float] = (0.0, math.inf)
     max_width: float | None = None
     hangs: bool = False
+    inset: float = 0.006
 
     def __post_init__(self) -> None:
         wrong = [f"pitch={self.pitch!r}"] if not 0 <= self.pitch <= math.pi / 2 else []
         wrong += [f"{name}={getattr(self, name)!r}" for name in ("directions", "most") if getattr(self, name) < 1]
         wrong += [f"lever={self.lever!r}"] if not 0 <= self.lever[0] < self.lever[1] else []
-        for name in ("friction", "spacing", "max_width"):
+        for name in ("friction", "spacing", "max_width", "inset"):
             value = getattr(self, name)
             wrong += [f"{name}={value!r}"] if value is not None and not value > 0 else []
         if wrong:

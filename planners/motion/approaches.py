@@ -140,11 +140,12 @@ class ContactQuery:
 
     @property
     def patterns(self) -> tuple[ApproachPattern, ...]:
-        """All patterns in the order of the tries. Those with a drive are used under a shelf only."""
+        """All patterns in the order of the tries. Those with a drive are for a base that drives, under a shelf."""
         if is_handle(self.empty.world.scene, self.held.name):
             return _TO_HANDLES
-        drives = (_DRIVES + _OVER_RIM if self.body.pieces else _DRIVES) if self.is_covered else ()
-        return drives + APPROACH_PATTERNS
+        if not self.is_covered or self.empty.world.scene.robot.base_drive == "fixed":
+            return APPROACH_PATTERNS
+        return (_DRIVES + _OVER_RIM if self.body.pieces else _DRIVES) + APPROACH_PATTERNS
 
     @property
     def likely_patterns(self) -> tuple[ApproachPattern, ...]:

@@ -16,7 +16,7 @@ from planners.clearing.lookahead import look_ahead
 from planners.clearing.moves import MoveMaker, NotPlaced
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.opened import riding, without_moving
-from planners.collision.world import CollisionWorld, CompiledScenes, with_clearance_at_ends
+from planners.collision.world import CollisionWorld, CompiledScenes, with_clearance_around, with_clearance_at_ends
 from planners.goals import Goal, holding
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.approaches import is_handle, stand_off
@@ -400,6 +400,8 @@ class MotionLayer:
         if followed is None:
             return NoPath("the TCP cannot follow the trajectory")
         world: CollisionWorld = self.compiled.world(scene).with_padding(0.0)
+        if touched and scene.held is None and scene.pull is None:
+            world = with_clearance_around(world, touched[0])  # what it touches from the start
         hits = followed.hits(world, scene.mask(touched))
         if self.workspace.follower is None:
             touches = world.names_of(hits & ~FIXED_BITS)

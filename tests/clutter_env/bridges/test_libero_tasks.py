@@ -13,6 +13,7 @@ from clutter_env.bridges import libero_tasks
 from clutter_env.bridges.libero_tasks import LiberoTask
 from clutter_env.bridges.remote import BridgeError, Remote
 from planners import Scene, Solution, TampExpert, goals
+from planners.facts import At
 from planners.goals import Goal, Open, Turned
 from tests.planners.containers import box_walls, round_walls
 
@@ -57,6 +58,9 @@ KITCHEN = f"""
       <joint name="stove_1_button" type="hinge" axis="0 0 1" range="-0.005 2.1" damping="1"/>
       <geom name="stove_1_knob" type="box" size="0.012 0.03 0.02" pos="0 0 0.02" mass="0.1"/></body>
   </body>
+  <body name="pan_1_main" pos="0.33 0.3 {TOP + 0.0201}"><freejoint name="pan_1_joint0"/>
+    <geom name="pan_1_g1" type="cylinder" size="0.06 0.02" mass="0.3"/>
+    <geom name="pan_1_g2" type="box" size="0.01 0.08 0.01" pos="0 0.14 0" mass="0.02"/></body>
   <body name="rack_1_main" pos="0.35 -0.4 {TOP}">
     <geom name="rack_1_sheet" type="box" size="0.1 0.08 0.004" pos="0 0 0.1" euler="0.5 0 0"/>
     <geom name="rack_1_foot" type="box" size="0.1 0.08 0.004" pos="0 0 0.004"/>
@@ -64,7 +68,7 @@ KITCHEN = f"""
   </body>
 </worldbody></mujoco>"""
 
-ROOTS = {name: f"{name}_main" for name in ("can_1", "box_1", "basket_1", "cabinet_1", "stove_1", "rack_1")}
+ROOTS = {name: f"{name}_main" for name in ("can_1", "box_1", "basket_1", "cabinet_1", "stove_1", "rack_1", "pan_1")}
 SITES = {
     "table_right_region": (None, []),
     "basket_1_contain_region": ("basket_1", []),
@@ -183,6 +187,16 @@ def test_what_is_opened_or_turned_goes_beyond_what_liberos_check_asks() -> None:
     assert 0.5 < turned.angle - turned.tolerance < 2.1
 
 
+def test_what_has_its_origin_far_from_its_middle_goes_where_its_origin_is_in_the_region() -> None:
+    """LIBERO's pan has it in the middle of its disc: its handle was put there, and the check never held."""
+    wanted = task(("on", "pan_1", "stove_1_cook_region")).world.goal
+    assert wanted is not None
+    (at,) = (fact for fact in wanted.facts if isinstance(fact, At))
+    assert (at.x, at.y) == pytest.approx((-0.1, -0.4 + 0.08), abs=1e-6)
+    assert at.yaw == pytest.approx(0.0)
+    assert at.tolerance + 0.08 * at.yaw_tolerance < 0.08
+
+
 def test_two_objects_share_a_region() -> None:
     both = task(("on", "can_1", "stove_1_cook_region"), ("on", "box_1", "stove_1_cook_region")).world
     assert str(both.goal) == str(
@@ -244,6 +258,46 @@ def test_a_can_of_many_boxes_is_a_cylinder_and_what_is_hollow_or_has_corners_is_
     assert counts == [1, 17, 10]
     can = spec.compile().geom("can_round")
     assert can.size[:2] == pytest.approx((0.032, 0.04), abs=0.001)
+
+
+@pytest.mark.parametrize(
+    ("quat", "up"),
+    [
+        ((0.0, 1.0, 0.0, 0.0), 1.0),
+        ((0.5, 0.5, 0.5, 0.5), 0.0),
+        ((1.0, 0.0, 0.0, 0.0), 1.0),
+        ((0.0, 0.6, 0.8, 0.0), 1.0),
+    ],
+)
+def test_a_box_on_its_head_is_upright_and_as_large_and_one_that_lies_is_not(quat: tuple[float, ...], up: float) -> None:
+    """A book that stands on its head fitted into no compartment: it was taken for fallen."""
+    spec = mujoco.MjSpec.from_string(
+        """<mujoco><worldbody><body name="book"><freejoint/>
+        <geom name="cover" type="box" size="0.02 0.05 0.08" quat="0.9239 0 0.3827 0"/></body></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(spec.compile())
+    turn = np.zeros(4)
+    mujoco.mju_mulQuat(turn, np.array(quat), np.array((0.9239, 0.0, -0.3827, 0.0)))
+    data.qpos[3:] = turn
+    before = _spans_in(spec, turn)
+    mujoco.mj_kinematics(spec.compile(), data)
+    libero_tasks._make_upright(spec.body("book"), data.body("book").xmat.reshape(3, 3))
+    after, model = _spans_in(spec, turn), spec.compile()
+    assert after == pytest.approx(before, abs=1e-4)
+    data = mujoco.MjData(model)
+    data.qpos[3:] = turn
+    mujoco.mj_kinematics(model, data)
+    assert data.geom("cover").xmat[8] == pytest.approx(up, abs=1e-4)
+    assert np.linalg.det(data.geom("cover").xmat.reshape(3, 3)) == pytest.approx(1.0)
+
+
+def _spans_in(spec: mujoco.MjSpec, quaternion: np.ndarray) -> np.ndarray:
+    """(3,) [m] half extents of the one geom along the axes of the world."""
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qpos[3:] = quaternion
+    mujoco.mj_kinematics(model, data)
+    return np.asarray(np.abs(data.geom(0).xmat.reshape(3, 3)) @ model.geom(0).size)
 
 
 def _scene(one: LiberoTask) -> Scene:

@@ -9,7 +9,7 @@ from irm.gjk import are_within
 from planners import Solution, solve
 from planners.collision.world import SUPPORT_SLACK, CollisionWorld, with_clearance_around
 from planners.motion.mujoco_check import MujocoCollisionChecker
-from planners.scene import Body, HeldObject, Scene
+from planners.scene import Body, HeldObject, Scene, Solid
 from tests.planners.scenes import HEIGHT, UPRIGHT, table_scene
 
 
@@ -17,8 +17,9 @@ def _close(gap: float, kind: str = "box") -> Scene:
     """An object on the table, and another one beside it at that distance [m], which may be negative."""
     half, place = np.array([0.022, 0.022, 0.08]), np.array([-0.2, 0.0, HEIGHT + 0.08])
     one, other = (
-        Body(name, kind, half, place + [0.0, y, 0.0], UPRIGHT) for name, y in (("a", 0.0), ("b", 0.044 + gap))
-    )  # type: ignore[arg-type]  # a shape
+        Body(name, kind, half, place + [0.0, y, 0.0], UPRIGHT)  # type: ignore[arg-type]  # a shape
+        for name, y in (("a", 0.0), ("b", 0.044 + gap))
+    )
     return table_scene(one, other)
 
 
@@ -45,6 +46,38 @@ def test_what_is_near_at_the_start_of_a_lift_may_stay_as_near_but_come_no_nearer
     assert not is_hit(0.0)
     assert is_hit(max(gap, 0.0) + SUPPORT_SLACK + 0.0003)
     assert np.array_equal(around.obstacles.pieces.half, world.obstacles.pieces.half)
+
+
+@pytest.mark.parametrize("gap", [-0.0015, 0.0, 0.001, 0.0024, 0.003])
+def test_a_thin_bowl_that_touches_its_neighbour_may_be_lifted_off_it(gap: float) -> None:
+    """Walls of 3 mm made smaller on both sides are in the middle of themselves, where they touched all the same."""
+    walls = [
+        Solid("wall", (0.0, y, 0.0), (0.05, 0.0015, 0.02), "box")  # type: ignore[arg-type]  # tuples serve
+        for y in (-0.05, 0.05)
+    ]
+    bowl = Body.of_pieces("bowl", walls, (-0.2, 0.0, HEIGHT + 0.02))
+    half = np.array([0.022, 0.022, 0.08])
+    other = Body("b", "box", half, (-0.2, 0.0735 + gap, HEIGHT + 0.08), UPRIGHT)  # type: ignore[arg-type]  # tuples serve
+    scene = table_scene(bowl, other)
+    around, reach = with_clearance_around(CollisionWorld.from_scene(scene), "bowl"), np.eye(4)
+    reach[:3, 3] = (0.0, 0.0, 0.4)
+    counted = around.query(0.1, HeldObject("bowl", reach)).attached.solids
+
+    def is_hit(by: float) -> bool:
+        """Whether the wall beside the other object, as it counts when it is held, is too near after such a move."""
+        place = np.array((-0.2, by, HEIGHT + 0.02)) + counted.position[1] - reach[:3, 3]
+        pieces = around.obstacles.pieces
+        two = pieces._replace(
+            half=np.stack([counted.half[1], half]),
+            position=np.stack([place, other.position]),
+            rotation=np.stack([np.eye(3)] * 2),
+            core=pieces.core[:2],
+            radius=pieces.radius[:2],
+        )
+        return bool(are_within(two, 0, two, 1, around.padding, np.empty((4, 3))))
+
+    assert not is_hit(0.0)
+    assert is_hit(max(gap, 0.0) + SUPPORT_SLACK + 0.0003)
 
 
 @pytest.mark.parametrize("gap", [0.0, 0.001, 0.003])

@@ -15,6 +15,7 @@ from assets import RobotSpec
 from assets.robots import FETCH, robot as find_robot
 from planners import AntipodalFamily, Cause, Infeasible, Region, Solution, goals, solve
 from planners.collision.world import PADDING, CollisionWorld
+from planners.grasping import antipodal
 from planners.grasping.arm_configurations import gripper_hits
 from planners.grasping.candidates import gripper_poses
 from planners.grasping.families import GRASP_SETS, SIDE, TOP, GraspFamily, InvalidGraspFamily, families_for
@@ -106,6 +107,15 @@ def normals_at(body: Body, point: np.ndarray) -> Iterator[np.ndarray]:
             yield normals[beyond.argmax()]
 
 
+@pytest.mark.parametrize("inset", [0.004, 0.012, 0.02])
+def test_lines_are_as_far_from_the_ends_of_a_wall_as_their_family_wants(inset: float) -> None:
+    """The tips of an arm that comes within 6 mm of its grasp missed a wall 6 mm below its rim."""
+    wall, family = Solid("wall", np.zeros(3), np.array((0.002, 0.03, 0.025))), replace(ANTIPODAL[0], inset=inset)
+    heading, up = np.array((0.0, 1.0, 0.0)), np.array((0.0, 0.0, 1.0))
+    lines = antipodal._grid(wall, heading, up, -1.0, family)
+    assert np.abs(lines).max(axis=0) == pytest.approx(np.array((0.03, 0.025)) - inset)
+
+
 def test_grasps_turn_with_the_object_and_are_the_same_for_equal_objects() -> None:
     turn, one, other = 1.1, mug(position=AT), standing(mug(position=AT), 1.1)
     c, s = math.cos(turn), math.sin(turn)
@@ -152,7 +162,15 @@ def test_what_cannot_be_grasped_across_two_faces_is_refused_with_the_grasps_that
 
 @pytest.mark.parametrize(
     "values",
-    [{"pitch": 2.0}, {"friction": 0.0}, {"spacing": -1.0}, {"most": 0}, {"directions": 0}, {"lever": (0.1, 0.0)}],
+    [
+        {"pitch": 2.0},
+        {"friction": 0.0},
+        {"spacing": -1.0},
+        {"most": 0},
+        {"directions": 0},
+        {"inset": 0.0},
+        {"lever": (0.1, 0.0)},
+    ],
 )
 def test_values_out_of_range_are_named(values: dict[str, object]) -> None:
     with pytest.raises(InvalidGraspFamily, match=f"own.*{next(iter(values))}"):
