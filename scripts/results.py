@@ -60,7 +60,7 @@ class Result(NamedTuple):
 
 
 ROWS = (
-    *(Result(name, "lookahead") for name in ("side-15-v3", "deep-25-v2", "all-25-v3")),
+    *(Result(name, "lookahead") for name in ("side-15-v3", "deep-15-v2", "deep-25-v2", "all-25-v3")),
     *(
         Result(name, "lookahead-all")
         for name in ("drawer-5-v1", "cupboard-5-v1", "fridge-10-v1", "blocked-drawer-5-v1")
