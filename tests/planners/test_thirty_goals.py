@@ -441,8 +441,6 @@ HARDER_REFUSED = {
 PLANNED |= HARDER_PLANNED
 REFUSED |= HARDER_REFUSED
 BOUND_FALLS_SHORT = {
-    "two that change places, with two hands": "3, proved",
-    "three that shift in a circle, with two hands": "4, proved",
     "every support cleared of three cans": "3, proved: room to put them is not asked for",
     "one held where no arm reaches": "1, proved: where it is held is not asked for",
 }
