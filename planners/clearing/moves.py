@@ -29,6 +29,8 @@ from planners.strategies import Strategy
 
 _TRIED = 24
 """Grasps of an object to check for approach and retreat, for each kind of search: one family, all families."""
+_KEPT = 4
+"""Grasps of an object to try if it stays in its hand: with some of them it cannot be put down where it goes later."""
 _SAME_HOLD = 2
 """Decimals to which gripper poses are compared."""
 
@@ -40,7 +42,7 @@ class Move:
     Attributes:
         name: name of the object.
         grasp: the grasp to take it. None if it is held already.
-        placement: where it is put. None if it stays in the hand.
+        placement: where it is put. None if it stays in the hand. With several hands, a later move may put it down.
         is_general: whether it goes where the goal wants it, not just aside.
         after: the scene after the move.
         choice: index of the keep-clear choice that the move was made with.
@@ -115,6 +117,22 @@ class MoveMaker:
             fits = (one for one in itertools.chain((grasp,), free) if self._holds_at(scene, one, np.array(point)))
             grasp = next(fits, grasp)
         return None if grasp is None else Move(name, grasp, None, True, grasped(scene, grasp))
+
+    def take(self, scene: Scene, name: str, following: str = "") -> Iterator[Move]:
+        """Find ways to take an object that stays in its hand while another one moves others, by every free arm.
+
+        Args:
+            scene: the scene before the move.
+            name: name of the object.
+            following: name of the object that is taken next, "" for none.
+        """
+        found = self._grasps_to_put(scene, name, placed_fact(self.goal, name), (), following)
+        grasps = list(itertools.islice(found, _KEPT))
+        missing = {*scene.robot.acting_arms} - {*scene.arms_that_hold} - {grasp.arm for grasp in grasps}
+        others = [one for one in self.candidates.for_object(scene, name) if one.arm in missing and not one.blockers]
+        more = itertools.islice((one for one in others if self.can_take(scene, one)), _KEPT - 1)
+        for grasp in (*grasps[:1], *more, *grasps[1:]):
+            yield Move(name, grasp, None, False, grasped(scene, grasp))
 
     def put(
         self,

@@ -232,11 +232,19 @@ class MotionLayer:
                     self.ban(scene, other)
         return driven
 
-    def drive_to_placement(self, scene: Scene, placement: Placement) -> BoundMotion | NoPath:
-        """Drive to the base pose where the put-down begins. For a place under a shelf, it is in front of the shelf."""
-        is_inside = needs_drive(scene, placement.body.foot)
-        base = stand_off(scene, placement.base, placement.q, placement.body) if is_inside else placement.base
-        return self.drive(scene, base)
+    def drive_to_placement(self, scene: Scene, name: str, placement: Placement) -> BoundMotion | NoPath:
+        """Drive to the base pose where the put-down of a held object begins.
+
+        For a place under a shelf, it is in front of the shelf. If another arm holds the object, the active arm moves
+        home first.
+        """
+        holding = scene.holding(name)
+        assert holding is not None
+        is_inside = needs_drive(holding, placement.body.foot)
+        base = stand_off(holding, placement.base, placement.q, placement.body) if is_inside else placement.base
+        if self._next_arm(scene, holding.robot.arm_name) is None:
+            return self.drive(scene, base, home_first=True)
+        return self.drive(holding, base)
 
     def bring_home(self, scene: Scene) -> BoundMotion | NoPath:
         """Bring the arm home with its load. The base stays."""

@@ -446,10 +446,8 @@ BOUND_FALLS_SHORT = {
 }
 """What the bound says instead."""
 ANSWER_FALLS_SHORT = {
-    "two that change places, with two hands": "3 picks, with hold_aside too",
     "every support cleared of one can": "no clearance location: nothing is held at the end unless the goal says so",
     "the uppermost held, the one below it gone": "no clearance location for the uppermost one",
-    "three that shift in a circle, with two hands": "4 picks",
     "every support cleared of three cans": "no clearance location, but for the grasps: supports are not named",
     "an order against what stands on it": "no self-clearable set, about a alone: the order is not named",
     "one held where no arm reaches": "motion: no motion of the arm holds it there",
