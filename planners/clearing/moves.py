@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.clearing.commitments import grasped
-from planners.clearing.quickest import quickest_first
+from planners.clearing.quickest import move_time, quickest_first
 from planners.clock import NO_DEADLINE, Deadline
 from planners.goals import At, Goal, Holding, Inside, On
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
@@ -29,6 +29,8 @@ from planners.strategies import Strategy
 
 _TRIED = 24
 """Grasps of an object to check for approach and retreat, for each kind of search: one family, all families."""
+_COMPARED = 3
+"""Moves of an object to compare if quick ones are preferred."""
 _KEPT = 4
 """Grasps of an object to try if it stays in its hand: with some of them it cannot be put down where it goes later."""
 _SAME_HOLD = 2
@@ -145,6 +147,8 @@ class MoveMaker:
     ) -> Move | None:
         """Take an object and put it where the goal wants it, or aside. None if all grasps or placements fail.
 
+        If quick grasps are preferred, it is the quickest of a few moves.
+
         Args:
             scene: the scene before the move. The object may be held.
             name: name of the object.
@@ -153,6 +157,26 @@ class MoveMaker:
             waiting: names of the objects still to move, which need clearance too.
             following: name of the object that moves next, "" for none.
         """
+        moves = self._puts(scene, name, is_general, choices, waiting, following)
+        if not self.saves_time:
+            return next(moves, None)
+
+        def time(move: Move) -> tuple[int, float]:
+            assert move.placement is not None
+            return move.choice, move_time(scene, move.grasp, move.placement.base, move.placement.q)
+
+        return min(itertools.islice(moves, _COMPARED), key=time, default=None)
+
+    def _puts(
+        self,
+        scene: Scene,
+        name: str,
+        is_general: bool,
+        choices: Sequence[KeepClear],
+        waiting: Collection[str],
+        following: str,
+    ) -> Iterator[Move]:
+        """Find moves of an object, one for each grasp with a placement. Arguments as for `put`."""
         fact = placed_fact(self.goal, name) if is_general else None
         reserved = reserved_regions(scene, self.goal, name if is_general else "")
         for grasp in (
@@ -167,8 +191,8 @@ class MoveMaker:
                 if placement is not None:
                     state = RobotState(placement.base, with_it.state.q, with_it.state.finger_position)
                     after = with_it.with_held(None).with_body(placement.body).with_state(state)
-                    return Move(name, grasp, placement, is_general, after, choice)
-        return None
+                    yield Move(name, grasp, placement, is_general, after, choice)
+                    break
 
     def places(
         self,
@@ -207,9 +231,11 @@ class MoveMaker:
         candidates, holding = self.candidates, scene.arms_that_hold
         if self.saves_time:
             quickest = (one for one in quickest_first(candidates, scene, name, following) if one.arm not in holding)
-            for grasp in itertools.islice((one for one in quickest if self.can_take(scene, one)), 1):
-                seen |= {grasp.pitch, _hold(scene, grasp)}
-                yield grasp
+            by_kind: dict[tuple[str, float], GraspCandidate] = {}
+            for grasp in itertools.islice((one for one in quickest if self.can_take(scene, one)), _COMPARED):
+                if by_kind.setdefault((grasp.arm, grasp.pitch), grasp) is grasp:
+                    seen |= {grasp.pitch, _hold(scene, grasp)}
+                    yield grasp
         finds = [
             (candidates.for_object, False),
             (candidates.of_all_families, False),

@@ -225,7 +225,9 @@ class MotionLayer:
             if grasp.drives
             else grasp.base
         )
-        driven = self.drive(scene, base, home_first=self._next_arm(scene, grasp.arm) is None)
+        turn = self._next_arm(scene, grasp.arm)
+        # Driven by the arm that takes the object, the drive and its approach become one motion later.
+        driven = self.drive(turn or scene, base, home_first=turn is None)
         if driven is NO_WAY:
             for other in self.candidates.for_object(scene, grasp.object):
                 if other is not grasp and self.workspace.roadmap.excludes(scene.state.base, other.base):
@@ -467,7 +469,7 @@ class MotionLayer:
         key = ("merged", robot.arm_name, touched, *(phase.states.tobytes() for phase in phases))
         found = self.motions.find(key, list, world)
         if found is None:
-            found = merge_phases(world, phases, before, after)
+            found = merge_phases(world, phases, before, after, self.workspace.saves_time)
             if found is not None:
                 loaded, widest = phases[0].phases[0], max(float(phase.finger_position.max()) for phase in phases)
                 held = loaded.touched if loaded.held else None
@@ -489,7 +491,8 @@ class MotionLayer:
         if held is None or before is None:
             return None
         world = self.compiled.world(scene.with_held(None))
-        return merge_phases(with_clearance_at_ends(world, scene.body(held.name), end), phases, before, after)
+        world = with_clearance_at_ends(world, scene.body(held.name), end)
+        return merge_phases(world, phases, before, after, self.workspace.saves_time)
 
     def is_accepted(self, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> bool:
         """Whether MuJoCo finds no penetration on any of the paths."""
