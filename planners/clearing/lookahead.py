@@ -126,7 +126,9 @@ def look_ahead(maker: MoveMaker, scene: Scene) -> ClearancePlan | NoCommitment:
     if found is None:
         found = _best_first(search, first, _GREEDY, tries)
     if found is not None and found.picks > first.left:
-        found = _best_first(search, first, 1.0, tries // _BETTER, found.picks) or found
+        # With several hands there are more choices: the one that waits in a hand, and its grasp.
+        is_carrying = bool(maker.goal.placed) and len(scene.robot.acting_arms) > 1
+        found = _best_first(search, first, 1.0, tries if is_carrying else tries // _BETTER, found.picks) or found
     if found is not None:
         return as_plan(maker.candidates, scene, found.moves)
     if maker.deadline.is_over:

@@ -30,7 +30,7 @@ from planners.strategies import Strategy
 _TRIED = 24
 """Grasps of an object to check for approach and retreat, for each kind of search: one family, all families."""
 _COMPARED = 3
-"""Moves of an object to compare if quick ones are preferred."""
+"""Moves of an object to compare for the quickest one."""
 _KEPT = 4
 """Grasps of an object to try if it stays in its hand: with some of them it cannot be put down where it goes later."""
 _SAME_HOLD = 2
@@ -95,6 +95,7 @@ class MoveMaker:
         not_placed: objects whose put-downs motion planning refuted before.
         holds_aside: whether the last obstacle may stay in one gripper while another one takes the object to hold.
         saves_time: whether quick grasps are preferred.
+        hurries: whether a few moves of an object that is put down are compared, and the quickest one is taken.
     """
 
     goal: Goal
@@ -107,6 +108,7 @@ class MoveMaker:
     not_placed: NotPlaced = NotPlaced()
     holds_aside: bool = False
     saves_time: bool = False
+    hurries: bool = False
 
     def hold(self, scene: Scene, name: str) -> Move | None:
         """Take an object such that it can be held where the goal wants it. None if every grasp is blocked."""
@@ -147,8 +149,6 @@ class MoveMaker:
     ) -> Move | None:
         """Take an object and put it where the goal wants it, or aside. None if all grasps or placements fail.
 
-        If quick grasps are preferred, it is the quickest of a few moves.
-
         Args:
             scene: the scene before the move. The object may be held.
             name: name of the object.
@@ -158,7 +158,7 @@ class MoveMaker:
             following: name of the object that moves next, "" for none.
         """
         moves = self._puts(scene, name, is_general, choices, waiting, following)
-        if not self.saves_time:
+        if not self.hurries:
             return next(moves, None)
 
         def time(move: Move) -> tuple[int, float]:
@@ -232,7 +232,8 @@ class MoveMaker:
         if self.saves_time:
             quickest = (one for one in quickest_first(candidates, scene, name, following) if one.arm not in holding)
             by_kind: dict[tuple[str, float], GraspCandidate] = {}
-            for grasp in itertools.islice((one for one in quickest if self.can_take(scene, one)), _COMPARED):
+            count = _COMPARED if self.hurries else 1
+            for grasp in itertools.islice((one for one in quickest if self.can_take(scene, one)), count):
                 if by_kind.setdefault((grasp.arm, grasp.pitch), grasp) is grasp:
                     seen |= {grasp.pitch, _hold(scene, grasp)}
                     yield grasp

@@ -165,6 +165,7 @@ class MotionLayer:
             not_placed or NotPlaced(),
             holds_aside,
             self.workspace.saves_time,
+            self.workspace.hurries,
         )
 
     def plan_goal(self, maker: MoveMaker, scene: Scene) -> ClearancePlan | NoCommitment:
@@ -469,7 +470,7 @@ class MotionLayer:
         key = ("merged", robot.arm_name, touched, *(phase.states.tobytes() for phase in phases))
         found = self.motions.find(key, list, world)
         if found is None:
-            found = merge_phases(world, phases, before, after, self.workspace.saves_time)
+            found = merge_phases(world, phases, before, after, self.workspace.hurries)
             if found is not None:
                 loaded, widest = phases[0].phases[0], max(float(phase.finger_position.max()) for phase in phases)
                 held = loaded.touched if loaded.held else None
@@ -492,7 +493,7 @@ class MotionLayer:
             return None
         world = self.compiled.world(scene.with_held(None))
         world = with_clearance_at_ends(world, scene.body(held.name), end)
-        return merge_phases(world, phases, before, after, self.workspace.saves_time)
+        return merge_phases(world, phases, before, after, self.workspace.hurries)
 
     def is_accepted(self, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> bool:
         """Whether MuJoCo finds no penetration on any of the paths."""
