@@ -11,6 +11,9 @@ through one more imaginary member, which is no pick.
 
 So the size of the smallest set gives the number of picks, including the buffers of swaps and cyclic shifts. Plans that
 move objects in other ways need no fewer picks.
+
+With several hands, an object may wait in one of them and is not picked twice. The smallest set without members for
+objects put aside is then the lower bound. It is exact if an order of its picks is found for which the hands suffice.
 """
 
 from __future__ import annotations

@@ -524,7 +524,8 @@ def _in_turn(
 ) -> Iterator[Step]:
     """Steps of the lower bound, the nearest object with a free grasp first."""
     base, in_hand = scene.state.base[:2], scene.held_names
-    goal, waits, gone = maker.goal, waits_for(scene, maker.goal, to_move), set(in_hand)
+    goal, waits, gone = maker.goal, waits_for(scene, maker.goal, to_move), set[str]()
+    has_free_hand = len(in_hand) < len(scene.robot.acting_arms)
     first = dict.fromkeys((*in_hand, *bound.objects))
     again: list[str] = []  # objects that were put aside, or wait in a hand, and still go to their places
 
@@ -548,7 +549,8 @@ def _in_turn(
         is_missing = fact is not None and (fact.where in first or fact.where in again)
         return not is_missing and not waits.get(name, frozenset()) - gone - {name}
 
-    if len(in_hand) < len(scene.robot.acting_arms):
+    if in_hand and has_free_hand:
+        gone |= {*in_hand}
         again += [name for name in in_hand if placed_fact(goal, name) and not place_is_free(name)]
         first = {name: None for name in first if name not in again}
     while first or again:
