@@ -113,7 +113,8 @@ def _merged(
     robot, held, steps = world.scene.robot, phases[0].phases[0].held, [len(phase.times) - 1 for phase in phases]
     start, end = phases[0].finger_position[0], phases[-1].finger_position[-1]
     is_near = near_walls(world, robot.opening(max(start, end)))
-    timed = time_parametrise(path, robot, start, Phase("", 0.0), bool(held), is_near)
+    is_loaded = bool(held) or bool(world.scene.aside)
+    timed = time_parametrise(path, robot, start, Phase("", 0.0), is_loaded, is_near)
     ramp = finger_ramp(robot, start, end)
     count = len(timed.times) - 1
     if not max(len(ramp) - 1, len(phases)) <= count < sum(steps):

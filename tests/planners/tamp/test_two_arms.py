@@ -21,6 +21,7 @@ from planners.grasping.candidates import GraspCandidates
 from planners.motion.arm import tcp_pose
 from planners.motion.contact_free import merge_phases
 from planners.motion.mujoco_check import MujocoCollisionChecker
+from planners.motion.trajectory import CONTROL_STEP
 from planners.scene import HeldObject, RobotState, Scene
 from planners.tamp import motion_layer
 from planners.workspace import Workspace
@@ -199,6 +200,7 @@ def test_plans_of_two_arms_are_free_of_penetration_in_mujoco(hold_aside: bool) -
         arms |= {action.scene.robot.arm_name for action in found.actions}
         assert_free(found)
         assert_continuous(found)
+        assert_turns_slowly(found)
         last = found.actions[-1]
         assert last.target == target
         assert hold_aside or not last.scene.aside
@@ -244,8 +246,17 @@ def test_objects_that_change_places_are_picked_once_in_physics(seed: int) -> Non
     assert max(len(action.scene.held_names) for action in solution.actions) == 2
     assert_free(solution)
     assert_continuous(solution)
+    assert_turns_slowly(solution)
     assert play(env, expert)["is_success"], expert.report
     assert expert.report.deviations == ()
+
+
+def assert_turns_slowly(plan: Solution) -> None:
+    """While an idle arm holds an object, the base turns no faster than a loaded robot may."""
+    for action in plan.actions:
+        if action.scene.aside:
+            rates = np.abs(np.diff(action.trajectory.base[:, 2])) / CONTROL_STEP
+            assert rates.max(initial=0.0) <= BOTH.max_loaded_yaw_rate, action
 
 
 def assert_continuous(plan: Solution) -> None:
