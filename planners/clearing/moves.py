@@ -163,7 +163,8 @@ class MoveMaker:
 
         def time(move: Move) -> tuple[int, float]:
             assert move.placement is not None
-            return move.choice, move_time(scene, move.grasp, move.placement.base, move.placement.q)
+            end = move.placement
+            return move.choice, move_time(scene, move.grasp, end.base, end.q, self._is_first(scene))
 
         return min(itertools.islice(moves, _COMPARED), key=time, default=None)
 
@@ -230,7 +231,8 @@ class MoveMaker:
         seen: set[object] = set()
         candidates, holding = self.candidates, scene.arms_that_hold
         if self.saves_time:
-            quickest = (one for one in quickest_first(candidates, scene, name, following) if one.arm not in holding)
+            sorted_by_time = quickest_first(candidates, scene, name, following, self._is_first(scene))
+            quickest = (one for one in sorted_by_time if one.arm not in holding)
             by_kind: dict[tuple[str, float], GraspCandidate] = {}
             count = _COMPARED if self.hurries else 1
             for grasp in itertools.islice((one for one in quickest if self.can_take(scene, one)), count):
@@ -281,6 +283,10 @@ class MoveMaker:
         """Whether approach and retreat with the object are collision-free."""
         world = self.candidates.compiled.world(scene.using(grasp.arm))
         return can_take(world, grasp.base, grasp.q, grasp.object)
+
+    def _is_first(self, scene: Scene) -> bool:
+        """Whether nothing has been moved yet."""
+        return not scene.moved_since(self.start)
 
     def _holds_at(self, scene: Scene, grasp: GraspCandidate, point: NDArray[np.float64]) -> bool:
         world = self.candidates.compiled.world(grasped(scene, grasp))

@@ -32,7 +32,7 @@ _START = 0.7
 
 
 def quickest_first(
-    candidates: GraspCandidates, scene: Scene, name: str, following: str = ""
+    candidates: GraspCandidates, scene: Scene, name: str, following: str = "", is_first: bool = False
 ) -> Iterator[GraspCandidate]:
     """Find the quickest unblocked grasps of an object, quickest first. Grasps under a shelf are left out.
 
@@ -41,6 +41,7 @@ def quickest_first(
         scene: the scene in which the object is taken.
         name: name of the object.
         following: name of the object that is taken next, "" for none.
+        is_first: whether no arm has moved before, so that each of them can begin at once.
     """
     gone = scene.mask([name])
     later = candidates.for_object(scene, following) if following else ()
@@ -49,28 +50,28 @@ def quickest_first(
     def cost(grasp: GraspCandidate) -> float:
         """Approximate time [s] to drive there, to take the object and to drive on."""
         onwards = min((_drive_time(scene.robot, grasp.base, base) for base in bases), default=0.0)
-        change = _CHANGE if grasp.arm not in ("", scene.robot.arm_name) else 0.0
-        return _drive_time(scene.robot, scene.state.base, grasp.base) + _arm_time(scene.robot, grasp) + onwards + change
+        drive = _drive_time(scene.robot, scene.state.base, grasp.base)
+        return drive + _arm_time(scene.robot, grasp) + onwards + _change_time(scene.robot, grasp, is_first)
 
     found = [*candidates.from_base(scene, name, scene.state.base), *candidates.for_object(scene, name)]
     free = [grasp for grasp in found if not grasp.blockers and not grasp.drives]
     return itertools.islice(sorted(free, key=cost), _TRIED)
 
 
-def move_time(scene: Scene, grasp: GraspCandidate | None, base: Array, q: Array) -> float:
+def move_time(scene: Scene, grasp: GraspCandidate | None, base: Array, q: Array, is_first: bool) -> float:
     """Approximate time [s] to take an object with a grasp and to put it down.
 
     Args:
         scene: the scene before the move.
         grasp: the grasp. None if the object is in the hand of the active arm.
         base, q: (3,) base pose and (8,) configuration at the put-down.
+        is_first: as for `quickest_first`.
     """
     robot = scene.robot
     if grasp is None:
         return _drive_time(robot, scene.state.base, base, True) + _swing_time(robot, robot.arm_name, q)
-    change = _CHANGE if grasp.arm not in ("", robot.arm_name) else 0.0
     drives = _drive_time(robot, scene.state.base, grasp.base) + _drive_time(robot, grasp.base, base, True)
-    return drives + _arm_time(robot, grasp) + _swing_time(robot, grasp.arm, q) + change
+    return drives + _arm_time(robot, grasp) + _swing_time(robot, grasp.arm, q) + _change_time(robot, grasp, is_first)
 
 
 def holding_aside(
@@ -129,6 +130,11 @@ def _drive_time(robot: RobotSpec, start: Array, end: Array, is_loaded: bool = Fa
     yaw_rate = min(robot.max_velocity[2], robot.max_loaded_yaw_rate) if is_loaded else robot.max_velocity[2]
     longest = max(away / min(robot.max_velocity[:2]), turn / yaw_rate)
     return longest + _START if longest > 1e-6 else 0.0
+
+
+def _change_time(robot: RobotSpec, grasp: GraspCandidate, is_first: bool) -> float:
+    """Time [s] until the arm of a grasp can begin, since the active arm must be at home."""
+    return 0.0 if is_first or grasp.arm in ("", robot.arm_name) else _CHANGE
 
 
 def _arm_time(robot: RobotSpec, grasp: GraspCandidate) -> float:
