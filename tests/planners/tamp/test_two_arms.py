@@ -286,8 +286,9 @@ def test_an_episode_in_which_the_other_arm_acts_succeeds(
     assert isinstance(solution, Solution)
     assert len(solution.clearances) == cleared
     assert {action.scene.robot.arm_name for action in solution.actions if action.name != "MoveBase"} == arms
-    with pytest.raises(ExpertError, match="several arms"):
-        execute(solution, env.unwrapped.model, env.unwrapped.data)
+    if len(arms) > 1:
+        with pytest.raises(ExpertError, match="several arms"):
+            execute(solution, env.unwrapped.model, env.unwrapped.data)
     assert play(env, expert)["is_success"], expert.report
     held = env.unwrapped.measurements.grip.held
     assert sum(slot >= 0 for slot in held) == 1 + hold_aside
