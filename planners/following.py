@@ -57,7 +57,9 @@ class FollowingPlanner(Planner):
 
     def workspace(self, scene: Scene) -> Workspace:
         """Workspace of `Planner`, near home if so chosen."""
-        workspace = replace(super().workspace(scene), controller=self.controller if self.by_motion else None)
+        controller = self.controller if self.by_motion else None
+        # Whether such a controller follows motions that are merged thoroughly has not been measured.
+        workspace = replace(super().workspace(scene), controller=controller, hurries=False)
         return workspace.only_near_home() if self.near_home else workspace
 
     def solve(

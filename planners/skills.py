@@ -205,7 +205,7 @@ def _pick(motion_layer: MotionLayer, scene: Scene, grasp: GraspCandidate) -> _Pl
 
 
 def _place(motion_layer: MotionLayer, scene: Scene, name: str, placement: Placement) -> _Planned | None:
-    driven = motion_layer.drive_to_placement(scene, placement)
+    driven = motion_layer.drive_to_placement(scene, name, placement)
     motion = motion_layer.put_down(driven.scene, placement) if isinstance(driven, BoundMotion) else driven
     return _planned("PutDownGeneral", name, scene, driven, motion)
 

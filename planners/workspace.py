@@ -52,6 +52,7 @@ class Workspace:
             control.
         saves_time: whether strategies that plan ahead prefer quick grasps. For robots that act with one arm, releases
             at which the gripper is turned least come first too.
+        hurries: whether moves of an object are compared by their time, and motions merged thoroughly, to save time.
     """
 
     arms: Mapping[str, Placer]
@@ -63,6 +64,7 @@ class Workspace:
     follower: TcpFollower | None = None
     controller: TcpFollower | None = None
     saves_time: bool = False
+    hurries: bool = False
 
     @classmethod
     def of(
@@ -84,7 +86,7 @@ class Workspace:
             UnknownGraspSet: the grasps are neither the name of a grasp set nor families.
             UnknownSupport: the scene declares no support of a name.
         """
-        ground = GroundMap(scene)
+        ground, in_haste = GroundMap(scene), robot.acts_with_all_arms if saves_time is None else saves_time
         arms = {name: placer_of(scene.using(name), _BASES, ground) for name in robot.acting_arms}
         return cls(
             MappingProxyType(arms),
@@ -93,7 +95,8 @@ class Workspace:
             BaseRoadmap(ground),
             canonical,
             follower=follower,
-            saves_time=robot.acts_with_all_arms if saves_time is None else saves_time,
+            saves_time=in_haste,
+            hurries=in_haste,
         )
 
     @property

@@ -31,7 +31,7 @@ from assets.robots import robot as find_robot
 from clutter_env.policies.playing import played
 from clutter_env.reporting.files import JsonLines
 from clutter_env.reporting.progress import progress_bar
-from planners import ExpertConfig, Scene, Solution, TampExpert, solve, warmup
+from planners import ExpertConfig, Planner, Scene, Solution, TampExpert, solve, warmup
 from planners.goals import occupants
 
 _GAP = 0.15
@@ -55,6 +55,8 @@ class Arguments:
     robot: str = "fetch"
     all_arms: bool = False
     """Let all arms of the robot act."""
+    saves_time: bool = False
+    """Plan for little simulated time with one arm too, without physics. With all arms it is always so."""
     physics: bool = False
     """Let the expert carry the plans out."""
     fault: str = ""
@@ -84,7 +86,8 @@ def main(arguments: Arguments) -> None:
     file = JsonLines(arguments.out) if arguments.out else None
     rows = {row["seed"]: row for row in (file.values if file else [])}
     is_physics = arguments.physics or arguments.fault
-    try_scene = partial(carried_out, fault=arguments.fault) if is_physics else planned
+    in_physics, by_plan = partial(carried_out, fault=arguments.fault), partial(planned, saves_time=arguments.saves_time)
+    try_scene = in_physics if is_physics else by_plan
     seeds, started = range(arguments.seed, arguments.seed + arguments.scenes), time.monotonic()
     for seed in progress_bar([seed for seed in seeds if seed not in rows]):
         if time.monotonic() - started > 60 * arguments.minutes:
@@ -124,12 +127,13 @@ def report(arguments: Arguments, rows: list[dict[str, Any]]) -> None:
             print(f"  {row['seed']}: {row['cause']}")
 
 
-def planned(env: Any, time_limit: float) -> dict[str, Any]:
+def planned(env: Any, time_limit: float, saves_time: bool = False) -> dict[str, Any]:
     """Plan for the goal of a reset environment."""
     inner = env.unwrapped
     scene = Scene.from_mujoco(inner.model, inner.data, inner.robot, regions=inner.regions)
     before = time.process_time()
-    found = solve(scene, inner.goal, time_limit=time_limit)
+    planner = Planner(inner.robot, saves_time=True) if saves_time else None
+    found = (planner.solve if planner else solve)(scene, inner.goal, time_limit=time_limit)
     row = {"success": isinstance(found, Solution), "cpu_s": time.process_time() - before}
     if not isinstance(found, Solution):
         return {**row, "cause": f"{found.cause}: {found.detail}"}

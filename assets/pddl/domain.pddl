@@ -17,6 +17,7 @@
 ;;     obstacle in the other hand and never puts it down. The option hold_aside restores the figure's precondition.
 ;; [8] A gripper takes an object through grasp poses of its own arm.
 ;; [9] Where objects are to be put at places of a goal, the order that motion planning has found is a fact.
+;; [10] So is the order of two put-downs, where one gripper keeps an object while another one moves others.
 (define (domain obstructed-grasp)
   (:requirements :strips :typing :negative-preconditions :universal-preconditions :conditional-effects)
   (:types
@@ -39,7 +40,8 @@
     ;; Known from motion planning alone.
     (obstructs ?blocker - obj ?t - arm-traj ?blocked - obj)
     (obstacle ?o - obj)
-    (waitsFor ?o - obj ?first - obj)) ; [9]
+    (waitsFor ?o - obj ?first - obj) ; [9]
+    (putAfter ?o - obj ?first - obj)) ; [10]
 
   ;; From the base pose ?pose1 the arm follows ?traj to the grasp pose ?pose2; no object may stand in its way.
   (:action PickUp
@@ -71,13 +73,15 @@
       (not (occupied ?targetLoc))    ; [5]
       (isGrasp ?pose2 ?obj ?targetLoc)
       (isMotion ?traj ?pose1 ?pose2)
-      (forall (?other - obj) (not (obstructs ?other ?traj ?obj))))
+      (forall (?other - obj) (not (obstructs ?other ?traj ?obj)))
+      (forall (?first - obj) (not (putAfter ?obj ?first)))) ; [10]
     :effect (and
       (not (graspedBy ?obj ?gripper))
       (empty ?gripper)               ; [1]
       (objectAt ?obj ?targetLoc)
       (occupied ?targetLoc)
-      (forall (?next - obj) (not (waitsFor ?next ?obj))))) ; [9]
+      (forall (?next - obj) (not (waitsFor ?next ?obj))) ; [9]
+      (forall (?next - obj) (not (putAfter ?next ?obj))))) ; [10]
 
   ;; Put down an obstacle where it no longer obstructs ?tar; naming ?tar is what makes it a clearance.
   (:action PutDownForClearance
@@ -91,13 +95,15 @@
       (not (occupied ?targetLoc))    ; [5]
       (isGrasp ?pose2 ?obs ?targetLoc)
       (isMotion ?traj ?pose1 ?pose2)
-      (forall (?other - obj) (not (obstructs ?other ?traj ?obs))))
+      (forall (?other - obj) (not (obstructs ?other ?traj ?obs)))
+      (forall (?first - obj) (not (putAfter ?obs ?first)))) ; [10]
     :effect (and
       (not (graspedBy ?obs ?gripper))
       (empty ?gripper)               ; [1]
       (objectAt ?obs ?targetLoc)
       (occupied ?targetLoc)
       (forall (?next - obj) (not (waitsFor ?next ?obs))) ; [9]
+      (forall (?next - obj) (not (putAfter ?next ?obs))) ; [10]
       (not (obstacle ?obs))
       (not (isClearanceLocation ?targetLoc ?obs ?tar))))
 

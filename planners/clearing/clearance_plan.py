@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -13,6 +14,7 @@ from planners.clearing.moves import Move
 from planners.grasping.candidates import GraspCandidates
 from planners.placing.placements import Placement
 from planners.scene import Scene
+from planners.symbolic.transitions import ArmStep
 
 _SAME = 0.002
 """Tolerance [m] and of rotation entries for objects that stand elsewhere than expected: they are released just
@@ -29,6 +31,7 @@ class ClearancePlan:
         aside: the object that stays in a gripper while another one takes the target, "" for none.
         general: objects that are put down where the goal wants them.
         until: objects in the order of their moves. Empty for strategies that do not plan ahead.
+        steps: picks and put-downs of these moves, in order.
         expected: the scene after these moves. None for such strategies.
         later: the moves after these. The last object of `until` moves again among them.
     """
@@ -38,8 +41,23 @@ class ClearancePlan:
     aside: str = ""
     general: frozenset[str] = frozenset()
     until: tuple[str, ...] = ()
+    steps: tuple[ArmStep, ...] = ()
     expected: Scene | None = None
     later: tuple[Move, ...] = ()
+
+    @property
+    def holds_two(self) -> bool:
+        """Whether an object is taken while another one is in a hand."""
+        picked = {step.object for step in self.steps if not step.is_put_down}
+        in_hand = {step.object for step in self.steps if step.is_put_down and step.object not in picked}
+        for name, is_put_down in self.steps:
+            if is_put_down:
+                in_hand -= {name}
+            elif in_hand:
+                return True
+            else:
+                in_hand |= {name}
+        return False
 
     def without(self, name: str) -> ClearancePlan:
         """The plan that remains once that object has been cleared."""
@@ -57,11 +75,17 @@ class ClearancePlan:
 def as_plan(candidates: GraspCandidates, scene: Scene, moves: Sequence[Move]) -> ClearancePlan:
     """Turn moves into commitments, up to the first move of an object that moves again later.
 
-    The blockers of each grasp are computed for the scene as it is.
+    To be put down by the hand that has kept it is no such move. The blockers of each grasp are computed for the scene
+    as it is.
     """
-    names = [move.name for move in moves]
-    count = next((index + 1 for index, name in enumerate(names) if name in names[index + 1 :]), len(names))
-    made = {move.name: move for move in moves[:count]}
+    again = [
+        any(other.grasp for other in moves[index + 1 :] if other.name == one.name) for index, one in enumerate(moves)
+    ]
+    count = next((index + 1 for index, moves_again in enumerate(again) if moves_again), len(moves))
+    made: dict[str, Move] = {}
+    for move in moves[:count]:
+        taken = made.pop(move.name, None)
+        made[move.name] = move if taken is None else replace(move, grasp=taken.grasp)
     grasps = with_blockers(candidates, scene, [move.grasp for move in made.values() if move.grasp is not None])
     in_hand = [move.name for move in made.values() if move.placement is None]
     target = in_hand[-1] if in_hand else ""
@@ -75,6 +99,15 @@ def as_plan(candidates: GraspCandidates, scene: Scene, moves: Sequence[Move]) ->
         aside=in_hand[0] if len(in_hand) > 1 else "",
         general=frozenset(name for name, move in made.items() if move.is_general),
         until=tuple(made),
+        steps=tuple(itertools.chain.from_iterable(map(_steps, moves[:count]))),
         expected=moves[count - 1].after if moves else scene,
         later=tuple(moves[count:]),
     )
+
+
+def _steps(move: Move) -> Iterator[ArmStep]:
+    """The pick and the put-down of a move, where it has them."""
+    if move.grasp is not None:
+        yield ArmStep(move.name, False)
+    if move.placement is not None:
+        yield ArmStep(move.name, True)

@@ -11,11 +11,14 @@ through one more imaginary member, which is no pick.
 
 So the size of the smallest set gives the number of picks, including the buffers of swaps and cyclic shifts. Plans that
 move objects in other ways need no fewer picks.
+
+With several hands, an object may wait in one of them and is not picked twice. The smallest set without members for
+objects put aside is then the lower bound. It is exact if an order of its picks is found for which the hands suffice.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from graphlib import CycleError, TopologicalSorter
 
@@ -35,6 +38,8 @@ from planners.scene.cover import is_covered
 
 _GOAL, _ASIDE, _PUT = "\0goal", "\0aside ", "\0put "
 """Prefixes of imaginary objects. No real name contains a null character."""
+_ARRANGEMENTS = 4000
+"""Arrangements to look at for an order of picks with several hands."""
 
 
 @dataclass(frozen=True)
@@ -177,8 +182,69 @@ class PickTable:
             yield name
 
     def fewest(self, expansions: int = MAX_EXPANSIONS, deadline: Deadline = NO_DEADLINE) -> LowerBound:
-        """Find the fewest picks after which every object that must move is at its end."""
-        waits, puts, buffers = self.waits, self.puts, self.buffers
+        """Find the fewest picks after which every object that must move is at its end.
+
+        With several hands, an object may stay in one of them until its place is free. A plan that never puts anything
+        aside needs the fewest picks. If no order of such moves is found, the fewest picks are only proved to be between
+        that number and the one with everything put aside.
+        """
+        aside = self._fewest(expansions, deadline, self.buffers)
+        if self.hands < 2 or not self.buffers or aside.picks is None:
+            return aside
+        in_hand = self._fewest(expansions, deadline, False)
+        if in_hand.picks is None or in_hand.least >= aside.picks:
+            return aside
+        order = self._order_in_hands(in_hand.objects)
+        if order:
+            return replace(in_hand, objects=order)
+        return replace(aside, least=min(in_hand.least, aside.least), proved=False)
+
+    def _order_in_hands(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Objects in an order of picks in which every one is picked once, and stays in a hand until its place is free.
+
+        () if none is found, or if objects are held at the start or in the end: hands are missing then.
+        """
+        if self.hold or self.held:
+            return ()
+        bit = {name: 1 << index for index, name in enumerate(self.names)}
+        moving = [name for name in self.names if name in names]
+
+        def is_free(masks: Iterable[int], stand: int) -> bool:
+            return any(not mask & stand for mask in masks)
+
+        def may_put(name: str, stand: int, final: frozenset[str], is_straight: bool) -> bool:
+            """Whether an object in a hand can be put at its end. One without an end can always be put aside."""
+            masks = self.puts.get(name, PutDownMasks())
+            waits = self.waits.get(name, 0) & (stand | (bit[name] if is_straight else 0))
+            is_on = any(below in moving and below not in final for below in self._below(name))
+            return not (waits or is_on) and is_free(masks.straight if is_straight else masks.ever, stand)
+
+        def may_take(name: str, stand: int, final: frozenset[str]) -> bool:
+            late = any(b == name and a in moving and a not in final for a, b in self.order)
+            early = any(a == name and not stand & bit[b] for a, b in self.order)
+            return not (late or early) and is_free(self.takes(name), stand)
+
+        # Objects that stand, that are in a hand, that have made their moves, and the one that was taken last.
+        start = (sum(bit.values()), frozenset[str](), frozenset[str](), "")
+        came: dict[tuple[int, frozenset[str], frozenset[str], str], tuple[str, ...]] = {start: ()}
+        stack = [start]
+        while stack and len(came) < _ARRANGEMENTS:
+            stand, held, final, last = here = stack.pop()
+            if len(final) == len(moving):
+                return came[here]
+            puts = [name for name in held if may_put(name, stand, final, name == last)]
+            takes = [name for name in moving if stand & bit[name] and may_take(name, stand, final)]
+            after = [((stand & ~bit[name], held | {name}, final, name), (*came[here], name)) for name in takes]
+            after = after if len(held) < self.hands else []
+            for state, order in (*after, *(((stand, held - {name}, final | {name}, ""), came[here]) for name in puts)):
+                if state not in came:
+                    came[state] = order
+                    stack.append(state)
+        return ()
+
+    def _fewest(self, expansions: int, deadline: Deadline, buffers: bool) -> LowerBound:
+        """Find the fewest picks if objects that are put aside are picked again (`buffers`), or never are."""
+        waits, puts = self.waits, self.puts
         names_of = {name: [one for k, one in enumerate(self.names) if mask >> k & 1] for name, mask in waits.items()}
         if circle := circle_of(self.to_move, names_of, self.order, self.held):
             return LowerBound(None, circle, (), True, 0, Cause.NO_SELF_CLEARABLE_SET)

@@ -80,8 +80,13 @@ class _Situation:
     @property
     def put_aside(self) -> set[str]:
         """Names of the objects that were put aside and have not reached their goal places since."""
-        last = {move.name: move.is_general for move in self.moves}
+        last = {move.name: move.is_general for move in self.moves if move.name not in self.scene.held_names}
         return {name for name, is_general in last.items() if not is_general}
+
+    @property
+    def free_hands(self) -> int:
+        """Number of hands that hold nothing."""
+        return len(self.scene.robot.acting_arms) - len(self.scene.held_names)
 
     @property
     def waiting(self) -> tuple[str, ...]:
@@ -90,8 +95,13 @@ class _Situation:
 
     @property
     def key(self) -> object:
-        """Key that is equal for situations that differ only in the order of their moves."""
-        moved = Counter((move.name, move.is_general) for move in self.moves)
+        """Key that is equal for situations that differ only in the order of their moves.
+
+        What is in a hand may have been taken with another grasp: that decides where it can be put down.
+        """
+        kept = [move.grasp if move.placement is None and not move.is_general else None for move in self.moves]
+        keys = [grasp and grasp.key for grasp in kept]
+        moved = Counter((move.name, move.is_general, key) for move, key in zip(self.moves, keys, strict=True))
         return frozenset(moved.items()), self.also, self.later
 
 
@@ -118,7 +128,9 @@ def look_ahead(maker: MoveMaker, scene: Scene) -> ClearancePlan | NoCommitment:
     if found is None:
         found = _best_first(search, first, _GREEDY, tries)
     if found is not None and found.picks > first.left:
-        found = _best_first(search, first, 1.0, tries // _BETTER, found.picks) or found
+        # With several hands there are more choices: the one that waits in a hand, and its grasp.
+        is_carrying = bool(maker.goal.placed) and len(scene.robot.acting_arms) > 1
+        found = _best_first(search, first, 1.0, tries if is_carrying else tries // _BETTER, found.picks) or found
     if found is not None:
         return as_plan(maker.candidates, scene, found.moves)
     if search.never_placed:
@@ -259,6 +271,8 @@ class _Search:
         for step in self._ready(now):
             if self._may_hold_aside(now, step):
                 yield self._held_aside(now)
+            if self._may_wait_in_hand(now, step):
+                yield from self._taken(now, step)
             if not self._stands_on_waiting(now, step):
                 yield self._made(now, step, is_strict=True)
 
@@ -283,7 +297,8 @@ class _Search:
         """Steps that may come next: the first step of each object, held objects before all others."""
         goal, waiting = self.maker.goal, now.waiting
         steps = [next(step for step in now.steps if step.name == name) for name in waiting]
-        if in_hand := [step for step in steps if step.name in now.scene.held_names]:
+        in_hand = [step for step in steps if step.name in now.scene.held_names]
+        if in_hand and not now.free_hands:
             return in_hand[:1]
         steps = [step for step in steps if not any(b == step.name and a in waiting for a, b in goal.order)]
         is_last = set(waiting) <= set(goal.held)
@@ -325,7 +340,8 @@ class _Search:
         moves = (*now.moves, moved)
         if is_strict and (rest or not must_move(moved.after, goal, maker.start)):
             left = now.left - (moved.grasp is not None)
-            return _Situation(moved.after, moves, rest, max(left, 1) if rest else 0, now.also, now.later)
+            to_pick = any(one.name not in moved.after.held_names for one in rest)
+            return _Situation(moved.after, moves, rest, max(left, 1) if to_pick else 0, now.also, now.later)
         found = self.situation(moved.after, moves, [one for one in now.also if one != name], now.later)
         return found if isinstance(found, _Situation) else None
 
@@ -474,6 +490,21 @@ class _Search:
             if name not in waiting and any(not mask for mask in candidates.blockers(scene, name)):
                 yield name
 
+    def _may_wait_in_hand(self, now: _Situation, step: Step) -> bool:
+        """Whether an object whose place is not free yet may stay in a hand meanwhile."""
+        goal, in_hand = self.maker.goal, now.scene.held_names
+        if now.free_hands < 2 or step.name in in_hand or not placed_fact(goal, step.name):
+            return False
+        return bool(waits_for(now.scene, goal, now.waiting)[step.name] - {*in_hand})
+
+    def _taken(self, now: _Situation, step: Step) -> _Tries:
+        """Take an object that stays in its hand while another hand moves others."""
+        following = next((name for name in now.waiting if name != step.name), "")
+        also = [name for name in now.also if name != step.name]
+        for moved in self.maker.take(now.scene, step.name, following):
+            found = self.situation(moved.after, (*now.moves, moved), also, now.later)
+            yield found if isinstance(found, _Situation) else None
+
     def _may_hold_aside(self, now: _Situation, step: Step) -> bool:
         """Whether the last obstacle may stay in one gripper while another one takes the target."""
         is_last = len(now.steps) == 2 and now.steps[1].name in self.maker.goal.held and step is now.steps[0]
@@ -511,10 +542,11 @@ def _in_turn(
     maker: MoveMaker, scene: Scene, bound: LowerBound, to_move: Collection[str], later: _Pairs
 ) -> Iterator[Step]:
     """Steps of the lower bound, the nearest object with a free grasp first."""
-    goal, waits, gone = maker.goal, waits_for(scene, maker.goal, to_move), set[str]()
     base, in_hand = scene.state.base[:2], scene.held_names
+    goal, waits, gone = maker.goal, waits_for(scene, maker.goal, to_move), set[str]()
+    has_free_hand = len(in_hand) < len(scene.robot.acting_arms)
     first = dict.fromkeys((*in_hand, *bound.objects))
-    again: list[str] = []  # objects that were put aside and still go to their places
+    again: list[str] = []  # objects that were put aside, or wait in a hand, and still go to their places
 
     def grasps_of(name: str) -> list[GraspCandidate]:
         """Grasps of an object that are free now. Empty for held objects."""
@@ -536,6 +568,10 @@ def _in_turn(
         is_missing = fact is not None and (fact.where in first or fact.where in again)
         return not is_missing and not waits.get(name, frozenset()) - gone - {name}
 
+    if in_hand and has_free_hand:
+        gone |= {*in_hand}
+        again += [name for name in in_hand if placed_fact(goal, name) and not place_is_free(name)]
+        first = {name: None for name in first if name not in again}
     while first or again:
         ready = [name for name in again if place_is_free(name) and not is_too_early(name)]
         if ready or not first:  # or, if the remaining objects wait for each other, take the first one

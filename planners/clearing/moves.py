@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.clearing.commitments import grasped
-from planners.clearing.quickest import quickest_first
+from planners.clearing.quickest import move_time, quickest_first
 from planners.clock import NO_DEADLINE, Deadline
 from planners.goals import At, Goal, Holding, Inside, On
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
@@ -29,6 +29,10 @@ from planners.strategies import Strategy
 
 _TRIED = 24
 """Grasps of an object to check for approach and retreat, for each kind of search: one family, all families."""
+_COMPARED = 3
+"""Moves of an object to compare for the quickest one."""
+_KEPT = 4
+"""Grasps of an object to try if it stays in its hand: with some of them it cannot be put down where it goes later."""
 _SAME_HOLD = 2
 """Decimals to which gripper poses are compared."""
 
@@ -40,7 +44,7 @@ class Move:
     Attributes:
         name: name of the object.
         grasp: the grasp to take it. None if it is held already.
-        placement: where it is put. None if it stays in the hand.
+        placement: where it is put. None if it stays in the hand. With several hands, a later move may put it down.
         is_general: whether it goes where the goal wants it, not just aside.
         after: the scene after the move.
         choice: index of the keep-clear choice that the move was made with.
@@ -91,6 +95,7 @@ class MoveMaker:
         not_placed: objects whose put-downs motion planning refuted before.
         holds_aside: whether the last obstacle may stay in one gripper while another one takes the object to hold.
         saves_time: whether quick grasps are preferred.
+        hurries: whether a few moves of an object that is put down are compared, and the quickest one is taken.
     """
 
     goal: Goal
@@ -103,6 +108,7 @@ class MoveMaker:
     not_placed: NotPlaced = NotPlaced()
     holds_aside: bool = False
     saves_time: bool = False
+    hurries: bool = False
 
     def hold(self, scene: Scene, name: str) -> Move | None:
         """Take an object such that it can be held where the goal wants it. None if every grasp is blocked."""
@@ -115,6 +121,22 @@ class MoveMaker:
             fits = (one for one in itertools.chain((grasp,), free) if self._holds_at(scene, one, np.array(point)))
             grasp = next(fits, grasp)
         return None if grasp is None else Move(name, grasp, None, True, grasped(scene, grasp))
+
+    def take(self, scene: Scene, name: str, following: str = "") -> Iterator[Move]:
+        """Find ways to take an object that stays in its hand while another one moves others, by every free arm.
+
+        Args:
+            scene: the scene before the move.
+            name: name of the object.
+            following: name of the object that is taken next, "" for none.
+        """
+        found = self._grasps_to_put(scene, name, placed_fact(self.goal, name), (), following)
+        grasps = list(itertools.islice(found, _KEPT))
+        missing = {*scene.robot.acting_arms} - {*scene.arms_that_hold} - {grasp.arm for grasp in grasps}
+        others = [one for one in self.candidates.for_object(scene, name) if one.arm in missing and not one.blockers]
+        more = itertools.islice((one for one in others if self.can_take(scene, one)), _KEPT - 1)
+        for grasp in (*grasps[:1], *more, *grasps[1:]):
+            yield Move(name, grasp, None, False, grasped(scene, grasp))
 
     def put(
         self,
@@ -135,6 +157,27 @@ class MoveMaker:
             waiting: names of the objects still to move, which need clearance too.
             following: name of the object that moves next, "" for none.
         """
+        moves = self._puts(scene, name, is_general, choices, waiting, following)
+        if not self.hurries:
+            return next(moves, None)
+
+        def time(move: Move) -> tuple[int, float]:
+            assert move.placement is not None
+            end = move.placement
+            return move.choice, move_time(scene, move.grasp, end.base, end.q, self._is_first(scene))
+
+        return min(itertools.islice(moves, _COMPARED), key=time, default=None)
+
+    def _puts(
+        self,
+        scene: Scene,
+        name: str,
+        is_general: bool,
+        choices: Sequence[KeepClear],
+        waiting: Collection[str],
+        following: str,
+    ) -> Iterator[Move]:
+        """Find moves of an object, one for each grasp with a placement. Arguments as for `put`."""
         fact = placed_fact(self.goal, name) if is_general else None
         reserved = reserved_regions(scene, self.goal, name if is_general else "")
         for grasp in (
@@ -149,8 +192,8 @@ class MoveMaker:
                 if placement is not None:
                     state = RobotState(placement.base, with_it.state.q, with_it.state.finger_position)
                     after = with_it.with_held(None).with_body(placement.body).with_state(state)
-                    return Move(name, grasp, placement, is_general, after, choice)
-        return None
+                    yield Move(name, grasp, placement, is_general, after, choice)
+                    break
 
     def places(
         self,
@@ -189,10 +232,14 @@ class MoveMaker:
         seen: set[object] = set()
         candidates, holding = self.candidates, scene.arms_that_hold
         if self.saves_time:
-            quickest = (one for one in quickest_first(candidates, scene, name, following) if one.arm not in holding)
-            for grasp in itertools.islice((one for one in quickest if self.can_take(scene, one)), 1):
-                seen |= {grasp.pitch, _hold(scene, grasp)}
-                yield grasp
+            sorted_by_time = quickest_first(candidates, scene, name, following, self._is_first(scene))
+            quickest = (one for one in sorted_by_time if one.arm not in holding)
+            by_kind: dict[tuple[str, float], GraspCandidate] = {}
+            count = _COMPARED if self.hurries else 1
+            for grasp in itertools.islice((one for one in quickest if self.can_take(scene, one)), count):
+                if by_kind.setdefault((grasp.arm, grasp.pitch), grasp) is grasp:
+                    seen |= {grasp.pitch, _hold(scene, grasp)}
+                    yield grasp
         finds = [
             (candidates.for_object, False),
             (candidates.of_all_families, False),
@@ -237,6 +284,10 @@ class MoveMaker:
         """Whether approach and retreat with the object are collision-free."""
         world = self.candidates.compiled.world(scene.using(grasp.arm))
         return can_take(world, grasp.base, grasp.q, grasp.object)
+
+    def _is_first(self, scene: Scene) -> bool:
+        """Whether nothing has been moved yet."""
+        return not scene.moved_since(self.start)
 
     def _holds_at(self, scene: Scene, grasp: GraspCandidate, point: NDArray[np.float64]) -> bool:
         world = self.candidates.compiled.world(grasped(scene, grasp))

@@ -25,12 +25,14 @@ _PAIRS = 12
 """Pairs of grasps by two arms to check, quickest first."""
 _BASES = 4
 """Base poses of the obstacle's grasps from which another arm takes the target."""
+_CHANGE = 3.0
+"""Time [s] that it takes, about, until an arm is at home and another one begins."""
 _START = 0.7
 """Time [s] that a base motion takes to speed up and slow down, in addition to its distance at full speed."""
 
 
 def quickest_first(
-    candidates: GraspCandidates, scene: Scene, name: str, following: str = ""
+    candidates: GraspCandidates, scene: Scene, name: str, following: str = "", is_first: bool = False
 ) -> Iterator[GraspCandidate]:
     """Find the quickest unblocked grasps of an object, quickest first. Grasps under a shelf are left out.
 
@@ -39,6 +41,7 @@ def quickest_first(
         scene: the scene in which the object is taken.
         name: name of the object.
         following: name of the object that is taken next, "" for none.
+        is_first: whether no arm has moved before, so that each of them can begin at once.
     """
     gone = scene.mask([name])
     later = candidates.for_object(scene, following) if following else ()
@@ -47,11 +50,28 @@ def quickest_first(
     def cost(grasp: GraspCandidate) -> float:
         """Approximate time [s] to drive there, to take the object and to drive on."""
         onwards = min((_drive_time(scene.robot, grasp.base, base) for base in bases), default=0.0)
-        return _drive_time(scene.robot, scene.state.base, grasp.base) + _arm_time(scene.robot, grasp) + onwards
+        drive = _drive_time(scene.robot, scene.state.base, grasp.base)
+        return drive + _arm_time(scene.robot, grasp) + onwards + _change_time(scene.robot, grasp, is_first)
 
     found = [*candidates.from_base(scene, name, scene.state.base), *candidates.for_object(scene, name)]
     free = [grasp for grasp in found if not grasp.blockers and not grasp.drives]
     return itertools.islice(sorted(free, key=cost), _TRIED)
+
+
+def move_time(scene: Scene, grasp: GraspCandidate | None, base: Array, q: Array, is_first: bool) -> float:
+    """Approximate time [s] to take an object with a grasp and to put it down.
+
+    Args:
+        scene: the scene before the move.
+        grasp: the grasp. None if the object is in the hand of the active arm.
+        base, q: (3,) base pose and (8,) configuration at the put-down.
+        is_first: as for `quickest_first`.
+    """
+    robot = scene.robot
+    if grasp is None:
+        return _drive_time(robot, scene.state.base, base, True) + _swing_time(robot, robot.arm_name, q)
+    drives = _drive_time(robot, scene.state.base, grasp.base) + _drive_time(robot, grasp.base, base, True)
+    return drives + _arm_time(robot, grasp) + _swing_time(robot, grasp.arm, q) + _change_time(robot, grasp, is_first)
 
 
 def holding_aside(
@@ -112,9 +132,19 @@ def _drive_time(robot: RobotSpec, start: Array, end: Array, is_loaded: bool = Fa
     return longest + _START if longest > 1e-6 else 0.0
 
 
+def _change_time(robot: RobotSpec, grasp: GraspCandidate, is_first: bool) -> float:
+    """Time [s] until the arm of a grasp can begin, since the active arm must be at home."""
+    return 0.0 if is_first or grasp.arm in ("", robot.arm_name) else _CHANGE
+
+
 def _arm_time(robot: RobotSpec, grasp: GraspCandidate) -> float:
     """Time [s] of a grasp's arm from its home configuration to the grasp and back at full speed."""
-    spec = robot.using(grasp.arm) if grasp.arm != robot.arm_name else robot
-    turns = np.abs(grasp.q - np.array(spec.home))
+    return _swing_time(robot, grasp.arm, grasp.q)
+
+
+def _swing_time(robot: RobotSpec, arm: str, q: Array) -> float:
+    """Time [s] of an arm from its home configuration to torso and arm `q` (8,) and back at full speed."""
+    spec = robot.using(arm) if arm not in ("", robot.arm_name) else robot
+    turns = np.abs(q - np.array(spec.home))
     turns[1:] = np.minimum(turns[1:], np.abs(2 * np.pi - turns[1:]))
     return 2 * float((turns / np.array(spec.max_velocity[3:])).max())

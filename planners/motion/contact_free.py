@@ -44,8 +44,14 @@ _TIPS = 0.02
 """Height [m] above such an object's top, from which the empty fingers go straight down around its wall."""
 _MOST_CORNERS = 10
 """Most corners between two contacts. A path with more corners stays as it is."""
+_NODES, _CHECKS = 32, 300
+"""Points of the planned path that a thorough search connects, and lines between them that it tests."""
+_CORNER_TIME = 0.4
+"""Time [s] that a corner costs, about: the robot slows down there."""
 _HALF_WIDTHS = (0.3, 0.15, 0.07)
 """Half widths [s] at full speed of the rounding at a corner. The first collision-free one is used."""
+_NARROW = (0.03, 0.015)
+"""More of them, for a thorough search."""
 _LAG = 2
 """Samples by which fingers may lag behind their commands."""
 _OFF_LINE = 0.001
@@ -57,7 +63,11 @@ _TINY = 1e-12
 
 
 def merge_phases(
-    world: CollisionWorld, phases: Sequence[Trajectory], first: HeldObject | None, last: HeldObject | None
+    world: CollisionWorld,
+    phases: Sequence[Trajectory],
+    first: HeldObject | None,
+    last: HeldObject | None,
+    thorough: bool = False,
 ) -> list[Trajectory] | None:
     """Merge phases into one motion on a shorter path. None if it fails or takes as long.
 
@@ -67,14 +77,44 @@ def merge_phases(
         world: the compiled scene at this time.
         phases: consecutive trajectories of one phase each, without grasp or release, at rest at both ends.
         first, last: the object between the fingers at the start and at the end.
+        thorough: whether corners are chosen such that the robot does not collide with itself between them, and so that
+            they take the least time. If that fails, the phases are merged into two motions. Without it, a path on which
+            the robot collides with itself is refused once it is known, and the phases stay as they are.
     """
-    path = _shorter_path(world, phases, first, last)
+    merged = _merged(world, phases, first, last, thorough)
+    if merged is not None or not thorough:
+        return merged
+    in_parts = (_in_two(world, phases, cut, first, last) for cut in range(1, len(phases)))
+    return min(filter(None, in_parts), key=lambda found: sum(phase.duration for phase in found), default=None)
+
+
+def _in_two(
+    world: CollisionWorld, phases: Sequence[Trajectory], cut: int, first: HeldObject | None, last: HeldObject | None
+) -> list[Trajectory] | None:
+    """Phases merged before and after a cut. None if neither part takes less time."""
+    before = _merged(world, phases[:cut], first, None, True)
+    after = _merged(world, phases[cut:], None, last, True)
+    if before is None and after is None:
+        return None
+    return [*(before or phases[:cut]), *(after or phases[cut:])]
+
+
+def _merged(
+    world: CollisionWorld,
+    phases: Sequence[Trajectory],
+    first: HeldObject | None,
+    last: HeldObject | None,
+    thorough: bool,
+) -> list[Trajectory] | None:
+    """Phases merged into one motion, as for `merge_phases`."""
+    path = _shorter_path(world, phases, first, last, thorough)
     if path is None:
         return None
     robot, held, steps = world.scene.robot, phases[0].phases[0].held, [len(phase.times) - 1 for phase in phases]
     start, end = phases[0].finger_position[0], phases[-1].finger_position[-1]
     is_near = near_walls(world, robot.opening(max(start, end)))
-    timed = time_parametrise(path, robot, start, Phase("", 0.0), bool(held), is_near)
+    is_loaded = bool(held) or bool(world.scene.aside)
+    timed = time_parametrise(path, robot, start, Phase("", 0.0), is_loaded, is_near)
     ramp = finger_ramp(robot, start, end)
     count = len(timed.times) - 1
     if not max(len(ramp) - 1, len(phases)) <= count < sum(steps):
@@ -125,7 +165,11 @@ def _bounds(steps: Sequence[int], last: int) -> list[int]:
 
 
 def _shorter_path(
-    world: CollisionWorld, phases: Sequence[Trajectory], first: HeldObject | None, last: HeldObject | None
+    world: CollisionWorld,
+    phases: Sequence[Trajectory],
+    first: HeldObject | None,
+    last: HeldObject | None,
+    thorough: bool,
 ) -> Array | None:
     """Shorter path of whole-body configurations (n, 11) from start to end of the motion. None if the search fails.
 
@@ -142,7 +186,7 @@ def _shorter_path(
         if hanging is None
         else world.with_padding(CLEARANCE).query(opening, hanging, 1 << SELF_BIT, first_only=True)
     )
-    checks = _Checks(world, clear, hung, world.query(opening, held, first_only=True))
+    checks = _Checks(world, clear, hung, world.query(opening, held, first_only=True), thorough)
     at_start, at_end = (
         _straight(world, states, touched, held is not None)
         for states, touched in ((phases[0].states[:1], first), (phases[-1].states[-1:], last))
@@ -157,8 +201,13 @@ def _shorter_path(
                 return path
     inner = phases[int(first is not None) : len(phases) - int(last is not None)]
     planned = [phase.states[:, :-1] for phase in inner]
-    corners = _corners(checks, np.vstack([starts[-1][-1:], *planned, ends[-1][:1]]))
-    return None if corners is None else checks.rounded(starts[-1], corners[1:-1], ends[-1], keeps)
+    whole = np.vstack([starts[-1][-1:], *planned, ends[-1][:1]])
+    for find in (_quickest_corners, _corners)[not thorough :]:
+        corners = find(checks, whole)
+        rounded = None if corners is None else checks.rounded(starts[-1], corners[1:-1], ends[-1], keeps)
+        if rounded is not None:
+            return rounded
+    return None
 
 
 class _Checks(NamedTuple):
@@ -166,10 +215,14 @@ class _Checks(NamedTuple):
     clear: CollisionQuery  # padding CLEARANCE, without self-collision
     hung: CollisionQuery  # the same with the held object as it hangs
     free: CollisionQuery  # padding of the world, with self-collision
+    thorough: bool
 
     def is_free(self, path: Array) -> bool:
-        """Whether a path keeps `CLEARANCE` from everything except the robot itself."""
-        if path_hits(self.clear, path, STEP):
+        """Whether a path keeps `CLEARANCE` from everything except the robot itself.
+
+        In a thorough search the robot must not collide with itself either.
+        """
+        if path_hits(self.clear, path, STEP) or (self.thorough and path_hits(self.free, path, STEP)):
             return False
         return self.hung is self.clear or not path_hits(self.hung, path, STEP)
 
@@ -182,7 +235,7 @@ class _Checks(NamedTuple):
         first, last = len(start) - 1, len(polygon) - len(end)
         only_between = max(first - 1, 0), min(last + 1, len(polygon) - 1)
         for begin, stop in ((0, len(polygon) - 1), only_between)[keeps:]:
-            for half_width in _HALF_WIDTHS:
+            for half_width in (*_HALF_WIDTHS, *(_NARROW if self.thorough else ())):
                 smooth, at = round_corners(self.world.scene.robot, polygon[begin : stop + 1], half_width)
                 path = np.vstack([polygon[:begin], smooth, polygon[stop + 1 :]])
                 at = np.concatenate([np.arange(begin), at + begin, np.arange(stop + 1, len(polygon))])
@@ -224,6 +277,37 @@ def _corners(checks: _Checks, path: Array) -> Array | None:
         corners.append(path[found])
         at = found
     return np.array(corners)
+
+
+def _quickest_corners(checks: _Checks, path: Array) -> Array | None:
+    """Corners (n, 11) on a path with the least time between them, as far as `_CHECKS` lines tell. None for none.
+
+    A shortest path is found among points of the path. If a line of it is in collision, it is left out, and so on.
+    """
+    nodes = path[np.unique(np.linspace(0, len(path) - 1, _NODES).round().astype(int))]
+    last, velocity = len(nodes) - 1, np.array(checks.world.scene.robot.max_velocity)
+    times = np.abs(nodes[:, None] - nodes) / velocity
+    cost = np.where(np.triu(np.ones((last + 1, last + 1)), 1) > 0, times.max(axis=2) + _CORNER_TIME, np.inf)
+    known: set[tuple[int, int]] = set()
+    for _ in range(_CHECKS):
+        to_go, after = np.zeros(last + 1), np.zeros(last + 1, int)
+        for node in reversed(range(last)):
+            ahead = cost[node] + to_go
+            after[node] = int(ahead[node + 1 :].argmin()) + node + 1
+            to_go[node] = ahead[after[node]]
+        if not np.isfinite(to_go[0]):
+            return None
+        route = [0]
+        while route[-1] < last:
+            route.append(int(after[route[-1]]))
+        line = next((one for one in itertools.pairwise(route) if one not in known), None)
+        if line is None:
+            return np.asarray(nodes[route])
+        if checks.is_free(nodes[list(line)]):
+            known.add(line)
+        else:
+            cost[line] = np.inf
+    return None
 
 
 def _straight(world: CollisionWorld, contact: Array, touched: HeldObject | None, is_held: bool) -> float:

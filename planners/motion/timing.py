@@ -69,7 +69,7 @@ def time_parametrise(
         robot: the robot with its limits.
         finger_position: constant position of a finger [m].
         phase: the phase of this trajectory.
-        is_loaded: whether an object is held. The base then turns at most at `robot.max_loaded_yaw_rate`.
+        is_loaded: whether an object is held, by any arm. The base then turns at most at `robot.max_loaded_yaw_rate`.
         is_near: test for straight parts of a path near something, where the robot moves slowly. See `near_walls`.
 
     Returns:
@@ -244,7 +244,8 @@ def pull_trajectory(world: CollisionWorld, motion: PullMotion, state: RobotState
 
 
 def _along(world: CollisionWorld, path: WholeBodyPath, finger_position: float, name: str) -> Trajectory:
-    phase, robot, is_loaded = _phase(name, path.held), world.scene.robot, path.held is not None
+    phase, robot = _phase(name, path.held), world.scene.robot
+    is_loaded = path.held is not None or bool(world.scene.aside)
     is_near = near_walls(world, path.opening)
     return time_parametrise(path.configurations, robot, finger_position, phase, is_loaded, is_near)
 

@@ -33,6 +33,7 @@ _DECIDES = {
     "isPlacementLocation": 2,
     "isClearanceLocation": 2,
     "waitsFor": 1,
+    "putAfter": 1,
     "isMotion": 3,
     "obstructs": 3,
 }

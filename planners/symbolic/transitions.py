@@ -66,6 +66,13 @@ def initial_state(
     return state
 
 
+class ArmStep(NamedTuple):
+    """A pick or a put-down of a plan: the object, and whether it is put down."""
+
+    object: str
+    is_put_down: bool
+
+
 class Moved(NamedTuple):
     """Move of a plan for a goal with places.
 
@@ -82,13 +89,20 @@ class Moved(NamedTuple):
     obstructs: str = ""
 
 
-def with_moves(state: SymbolicState, moves: Sequence[Moved]) -> tuple[SymbolicState, tuple[Atom, ...]]:
+def with_moves(
+    state: SymbolicState, moves: Sequence[Moved], steps: Sequence[ArmStep]
+) -> tuple[SymbolicState, tuple[Atom, ...]]:
     """The state with the references of these moves, in this order, without those of other moves. Also returns the goal
     facts.
 
     A goal with places is a conjunction of facts `objectAt` with a location for placement or clearance.
+
+    Args:
+        state: the facts.
+        moves: the moves. The objects that they put down are objects of the goal facts.
+        steps: their picks and put-downs in order. With one hand, each object is put down before the next is picked.
     """
-    stale = {fact for fact in state.facts if fact[0] in ("obstructs", "obstacle", "waitsFor")}
+    stale = {fact for fact in state.facts if fact[0] in ("obstructs", "obstacle", "waitsFor", "putAfter")}
     offers = {fact[1:3] for fact in state.find("isClearanceLocation", None, None, None)}
     offers |= {fact[1:3] for fact in state.find("isPlacementLocation", None, None)}
     for location, name in offers:
@@ -97,12 +111,11 @@ def with_moves(state: SymbolicState, moves: Sequence[Moved]) -> tuple[SymbolicSt
             stale |= set(state.find("isGrasp", None, name, location))
     state = state.changed(remove=stale)
     wanted: list[Atom] = []
-    for index, (name, blockers, is_put_down, obstructs) in enumerate(moves):
+    locations: dict[str, str] = {}
+    for name, blockers, is_put_down, obstructs in moves:
         add: set[Atom] = {("obstructs", other, grasp_references(name).arm_trajectory, name) for other in blockers}
-        if index and moves[index - 1].is_put_down:
-            add.add(("waitsFor", name, moves[index - 1].object))
         if is_put_down:
-            location = next_location(state, name)
+            location = locations[name] = next_location(state, name)
             add |= motion_facts(placement_references(location), name, location)
             wanted.append(("objectAt", name, location))
             if obstructs:
@@ -110,7 +123,17 @@ def with_moves(state: SymbolicState, moves: Sequence[Moved]) -> tuple[SymbolicSt
             else:
                 add.add(("isPlacementLocation", location, name))
         state = state.changed(add=add)
-    return state, tuple(wanted)
+    return state.changed(add=_in_order(steps, locations)), tuple(wanted)
+
+
+def _in_order(steps: Sequence[ArmStep], locations: Mapping[str, str]) -> Iterator[Atom]:
+    """Facts that forbid each step before the one ahead of it. `locations`: where objects are put, by name."""
+    for before, (name, is_put_down) in itertools.pairwise(steps):
+        if before.is_put_down:
+            yield ("putAfter" if is_put_down else "waitsFor"), name, before.object
+        elif before.object != name:
+            references = placement_references(locations[name]) if is_put_down else grasp_references(name)
+            yield "obstructs", before.object, references.arm_trajectory, name
 
 
 def reached_by(state: SymbolicState, name: str, gripper: str) -> SymbolicState:
@@ -237,10 +260,10 @@ def _preconditions(state: SymbolicState, action: GroundAction) -> tuple[frozense
             forbidden: set[Atom] = {("outOfReach", gripper, pose2), *state.find("waitsFor", name, None)}
         case GroundAction("PutDownGeneral", (name, gripper, pose1, pose2, traj, location)):
             specific = {("graspedBy", name, gripper), ("isPlacementLocation", location, name)}
-            forbidden = {("obstacle", name), ("occupied", location)}
+            forbidden = {("obstacle", name), ("occupied", location), *state.find("putAfter", name, None)}
         case GroundAction("PutDownForClearance", (name, tar, gripper, pose1, pose2, traj, location)):
             specific = {("graspedBy", name, gripper), ("isClearanceLocation", location, name, tar), ("obstacle", name)}
-            forbidden = {("occupied", location)}
+            forbidden = {("occupied", location), *state.find("putAfter", name, None)}
         case _:
             raise InapplicableActionError(f"no action of the domain: {action}; see GroundAction for the valid ones")
     motion = {("robotAt", pose1), ("isGrasp", pose2, name, location), ("isMotion", traj, pose1, pose2)}
@@ -257,7 +280,7 @@ def _effects(state: SymbolicState, action: GroundAction) -> tuple[set[Atom], set
     on_table: set[Atom] = {("empty", gripper), ("objectAt", name, location), ("occupied", location)}
     if action.name == "PickUp":
         return in_hand, on_table | set(state.find("obstructs", name, None, None))
-    in_hand |= set(state.find("waitsFor", None, name))
+    in_hand |= {*state.find("waitsFor", None, name), *state.find("putAfter", None, name)}
     if action.name == "PutDownForClearance":
         return on_table, in_hand | {("obstacle", name), ("isClearanceLocation", location, name, action.args[1])}
     return on_table, in_hand

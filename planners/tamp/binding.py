@@ -90,7 +90,7 @@ def _with_moves(search: Search, symbols: SymbolicState, scene: Scene, found: Cle
         blocked = (other for other in later if name in blockers.get(other, ()))
         obstructs = "" if name in found.general else next(blocked, (*later, *rest, "")[0])
         moves.append(Moved(name, tuple(sorted(blockers.get(name, ()))), name in found.placements, obstructs))
-    symbols, wanted = with_moves(replace(symbols, holds_aside=bool(found.aside)), moves)
+    symbols, wanted = with_moves(replace(symbols, holds_aside=found.holds_two), moves, found.steps)
     return PlanState(symbols, scene, found, wanted=wanted)
 
 
@@ -176,14 +176,16 @@ def _drive_to_put_down(
     for placement in placements:
         if search.is_late:
             break
-        driven = motion_layer.drive_to_placement(scene, placement)
+        driven = motion_layer.drive_to_placement(state.scene, name, placement)
         if isinstance(driven, BoundMotion):
-            put_down = motion_layer.put_down(driven.scene, placement)
+            there = driven.scene.holding(name)
+            assert there is not None
+            put_down = motion_layer.put_down(there, placement)
             if isinstance(put_down, BoundMotion):
                 if motion_layer.can_leave(put_down.scene, scene.state.base):
                     return replace(driven, location=location, put_down=put_down)
                 no_drive = "; from where it is put down the base cannot drive back"
-            refuted.append((driven.scene, placement))
+            refuted.append((there, placement))
         else:
             no_drive = f"; {driven.reason}"
     if search.is_late:

@@ -165,6 +165,7 @@ class MotionLayer:
             not_placed or NotPlaced(),
             holds_aside,
             self.workspace.saves_time,
+            self.workspace.hurries,
         )
 
     def plan_goal(self, maker: MoveMaker, scene: Scene) -> ClearancePlan | NoCommitment:
@@ -225,18 +226,28 @@ class MotionLayer:
             if grasp.drives
             else grasp.base
         )
-        driven = self.drive(scene, base, home_first=self._next_arm(scene, grasp.arm) is None)
+        turn = self._next_arm(scene, grasp.arm)
+        # Driven by the arm that takes the object, the drive and its approach become one motion later.
+        driven = self.drive(turn or scene, base, home_first=turn is None)
         if driven is NO_WAY:
             for other in self.candidates.for_object(scene, grasp.object):
                 if other is not grasp and self.workspace.roadmap.excludes(scene.state.base, other.base):
                     self.ban(scene, other)
         return driven
 
-    def drive_to_placement(self, scene: Scene, placement: Placement) -> BoundMotion | NoPath:
-        """Drive to the base pose where the put-down begins. For a place under a shelf, it is in front of the shelf."""
-        is_inside = needs_drive(scene, placement.body.foot)
-        base = stand_off(scene, placement.base, placement.q, placement.body) if is_inside else placement.base
-        return self.drive(scene, base)
+    def drive_to_placement(self, scene: Scene, name: str, placement: Placement) -> BoundMotion | NoPath:
+        """Drive to the base pose where the put-down of a held object begins.
+
+        For a place under a shelf, it is in front of the shelf. If another arm holds the object, the active arm moves
+        home first.
+        """
+        holding = scene.holding(name)
+        assert holding is not None
+        is_inside = needs_drive(holding, placement.body.foot)
+        base = stand_off(holding, placement.base, placement.q, placement.body) if is_inside else placement.base
+        if self._next_arm(scene, holding.robot.arm_name) is None:
+            return self.drive(scene, base, home_first=True)
+        return self.drive(holding, base)
 
     def bring_home(self, scene: Scene) -> BoundMotion | NoPath:
         """Bring the arm home with its load. The base stays."""
@@ -461,7 +472,7 @@ class MotionLayer:
         key = ("merged", robot.arm_name, touched, *(phase.states.tobytes() for phase in phases))
         found = self.motions.find(key, list, world)
         if found is None:
-            found = merge_phases(world, phases, before, after)
+            found = merge_phases(world, phases, before, after, self.workspace.hurries)
             if found is not None:
                 loaded, widest = phases[0].phases[0], max(float(phase.finger_position.max()) for phase in phases)
                 held = loaded.touched if loaded.held else None
@@ -483,7 +494,8 @@ class MotionLayer:
         if held is None or before is None:
             return None
         world = self.compiled.world(scene.with_held(None))
-        return merge_phases(with_clearance_at_ends(world, scene.body(held.name), end), phases, before, after)
+        world = with_clearance_at_ends(world, scene.body(held.name), end)
+        return merge_phases(world, phases, before, after, self.workspace.hurries)
 
     def is_accepted(self, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> bool:
         """Whether MuJoCo finds no penetration on any of the paths."""

@@ -441,17 +441,13 @@ HARDER_REFUSED = {
 PLANNED |= HARDER_PLANNED
 REFUSED |= HARDER_REFUSED
 BOUND_FALLS_SHORT = {
-    "two that change places, with two hands": "3, proved",
-    "three that shift in a circle, with two hands": "4, proved",
     "every support cleared of three cans": "3, proved: room to put them is not asked for",
     "one held where no arm reaches": "1, proved: where it is held is not asked for",
 }
 """What the bound says instead."""
 ANSWER_FALLS_SHORT = {
-    "two that change places, with two hands": "3 picks, with hold_aside too",
     "every support cleared of one can": "no clearance location: nothing is held at the end unless the goal says so",
     "the uppermost held, the one below it gone": "no clearance location for the uppermost one",
-    "three that shift in a circle, with two hands": "4 picks",
     "every support cleared of three cans": "no clearance location, but for the grasps: supports are not named",
     "an order against what stands on it": "no self-clearable set, about a alone: the order is not named",
     "one held where no arm reaches": "motion: no motion of the arm holds it there",

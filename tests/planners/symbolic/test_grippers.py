@@ -9,7 +9,15 @@ import pytest
 
 from planners.symbolic.engines import task_planner
 from planners.symbolic.problem import GRIPPER, TaskPlan, TaskProblem, domain_text
-from planners.symbolic.transitions import reached_by, unmet_preconditions, update_from_action
+from planners.symbolic.transitions import (
+    ArmStep,
+    Moved,
+    initial_state,
+    reached_by,
+    unmet_preconditions,
+    update_from_action,
+    with_moves,
+)
 from tests.planners.symbolic.problems import obstruction_problem
 
 LEFT, RIGHT = "left_gripper", "right_gripper"
@@ -82,3 +90,23 @@ def test_the_two_domains_differ_in_one_precondition() -> None:
     assert len(different) == 1
     assert "(forall (?any - gripper) (empty ?any))" in different[0][0]
     assert "(empty ?gripper)" in different[0][1]
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize(
+    "order", ["pick a, put a, pick b, put b", "pick a, pick b, put b, put a", "pick b, pick a, put b, put a"]
+)
+def test_picks_and_put_downs_come_in_the_order_of_the_steps(engine: str, order: str) -> None:
+    """One gripper keeps an object while the other one moves another, if the steps say so."""
+    steps = [ArmStep(word[-1], word.startswith("put")) for word in order.split(", ")]
+    moves = [Moved(step.object, (), True) for step in steps if step.is_put_down]
+    state, wanted = with_moves(initial_state("ab", grippers=(LEFT, RIGHT)), moves, steps)
+    state = replace(reached_by(reached_by(state, "a", LEFT), "b", RIGHT), holds_aside=True)
+    task = TaskProblem(state, "", wanted)
+    found = task_planner(engine).plan(task.pruned(), 10.0)
+    assert isinstance(found, TaskPlan), found
+    made = [(action.object, action.name == "PutDownGeneral") for action in found.actions if action.object]
+    assert made == [tuple(step) for step in steps]
+    for action in found.actions:
+        state = update_from_action(state, action)
+    assert set(wanted) <= state.facts

@@ -86,6 +86,17 @@ def test_the_shorter_motions_keep_the_limits_and_touch_nothing(plans: tuple[Solu
     assert_free(plans[1])
 
 
+def test_a_plan_that_saves_time_keeps_the_limits_and_touches_nothing() -> None:
+    found = Planner(FETCH, grasps="side", saves_time=True).solve(warmup_scene(FETCH), TARGET)
+    assert isinstance(found, Solution)
+    whole = join([action.trajectory for action in found.actions])
+    rates = np.diff(np.hstack([whole.base, whole.q]), axis=0) / CONTROL_STEP
+    changes = np.diff(np.vstack([np.zeros(11), rates, np.zeros(11)]), axis=0) / CONTROL_STEP
+    assert (np.abs(rates[:, 2:]) <= np.array(FETCH.max_velocity)[2:]).all()
+    assert (np.abs(changes[:, 2:]) <= np.array(FETCH.max_acceleration)[2:]).all()
+    assert_free(found)
+
+
 def test_base_and_arm_move_together(plans: tuple[Solution, Solution]) -> None:
     def steps_together(solution: Solution) -> int:
         whole = join([action.trajectory for action in solution.actions])
