@@ -102,7 +102,8 @@ class Problem:
         It holds for the scene as it is: nothing is opened. `Planner.lower_bound` includes opening. For `is_exact` see
         `fewest_picks`.
         """
-        key = expansions, is_exact
+        # What is known exactly serves for both.
+        key = expansions, is_exact or (expansions, True) in self._bounds
         if key not in self._bounds:
             found = fewest_picks(
                 self.scene,
