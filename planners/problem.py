@@ -123,7 +123,8 @@ class Problem:
         self, expansions: int = MAX_EXPANSIONS, deadline: Deadline = NO_DEADLINE, *, is_exact: bool = True
     ) -> LowerBound:
         """Find the lower bound for the base poses that plans begin with, cached."""
-        key = expansions, is_exact
+        # What is known exactly serves for both.
+        key = expansions, is_exact or (expansions, True) in self._bounds
         if key not in self._bounds:
             found = self._fewest_picks(self.candidates, is_exact, expansions, deadline)
             if deadline.is_over:

@@ -71,7 +71,8 @@ class LowerBound:
 
     def met_by(self, picks: int) -> LowerBound:
         """The bound once a plan with that many picks is known: if it meets the bound, the bound is exact."""
-        return replace(self, picks=picks, proved=True) if picks == self.least else self
+        is_known = self.proved or picks != self.least
+        return self if is_known else replace(self, picks=picks, proved=True)
 
 
 def fewest_picks(

@@ -157,10 +157,11 @@ def can_be_released(
 ) -> bool:
     """Whether some hand can release an object at its place once all other objects are gone.
 
-    True, too, where that is not known: in areas, on other objects, and for an object that does not stand.
+    True, too, where that is not known: in areas, on other objects, for an object that does not stand, and for a held
+    one, which may be put aside and taken otherwise.
     """
     body = scene.body(name)
-    if place.location is None or place.below or not body.is_upright:
+    if place.location is None or place.below or not body.is_upright or name in scene.held_names:
         return True
     gone, hands = scene.mask(scene.names), [view for view, _ in in_any_hand(candidates, scene, body)]
     return any(

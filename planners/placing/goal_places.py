@@ -125,7 +125,14 @@ def _hollow_for(scene: Scene, fact: On | Inside) -> Hollow | None:
     hollow = hollow_of(scene, fact.where)
     if hollow is None or isinstance(fact, Inside) or fact.where not in scene.names:
         return hollow
-    return None if _is_larger(scene.body(fact.object), hollow.area, slack=0.0) else hollow
+    return hollow if _fits_into(scene.body(fact.object), hollow) else None
+
+
+def _fits_into(body: Body, hollow: Hollow) -> bool:
+    """Whether an object in the middle of a hollow lies within its mouth, in some yaw and resting orientation."""
+    middle = np.append(hollow.area.centre, hollow.floor)
+    placed = (stand_at(way, middle, turn) for way in resting_ways(body) for turn in _TURNS)
+    return any(bool((distances_to_polygon(footprint(one), hollow.mouth) == 0.0).all()) for one in placed)
 
 
 @lru_cache(maxsize=64)
@@ -454,15 +461,12 @@ def _why_too_large(scene: Scene, fact: On | Inside | At) -> str:
     return f"is larger than its place, {area.name}"
 
 
-def _is_larger(body: Body, area: Region, slack: float = EDGE) -> bool:
-    """Whether an object is larger than an area in every yaw and resting orientation, by more than a slack [m].
-
-    See `_why_too_large`.
-    """
+def _is_larger(body: Body, area: Region) -> bool:
+    """Whether an object is larger than an area in every yaw and resting orientation. See `_why_too_large`."""
     angles = np.linspace(0.0, np.pi, 180, endpoint=False)
     for way in resting_ways(body):
         along = np.ptp(footprint(way) @ np.stack((np.cos(angles), np.sin(angles))), axis=0)
-        most = 2 * (np.array(area.half_extents) + slack) + along.max() * (angles[1] - angles[0])
+        most = 2 * (np.array(area.half_extents) + EDGE) + along.max() * (angles[1] - angles[0])
         if ((along <= most[0]) & (np.roll(along, len(angles) // 2) <= most[1])).any():
             return False
     return True

@@ -184,14 +184,17 @@ def test_a_place_at_which_nothing_can_be_is_refused_by_its_name(goal: Goal, word
     assert re.search(words or "^$", why)
 
 
-def test_what_is_a_little_wider_than_a_mug_stands_on_its_rim() -> None:
-    """An apple 2 mm wider than the mouth was to go inside, where no hand could bring it."""
+def test_what_does_not_fit_into_the_mouth_of_a_mug_stands_on_its_rim() -> None:
+    """An apple 2 mm wider than the mouth, and a carton whose corners do not fit, were to go inside."""
     below = mug("mug", (0.0, 0.0, HEIGHT))
     hollow = hollow_of(table_scene(below), "mug")
     assert hollow is not None
-    for wider, is_inside in ((-0.001, True), (0.0015, False)):
-        apple = cylinder("apple", -0.2, 0.2, min(hollow.area.half_extents) + wider, 0.08)
-        place = place_of(table_scene(below, apple), on("apple", "mug").placed[0])
+    half = hollow.width / 2
+    apples = [cylinder("a", -0.2, 0.2, half + wider, 0.08) for wider in (-0.002, 0.0015)]
+    for body, is_inside in zip(
+        (*apples, box("a", -0.2, 0.2, (half - 0.001, half - 0.001))), (True, False, False), strict=True
+    ):
+        place = place_of(table_scene(below, body), on("a", "mug").placed[0])
         assert (place.hollow is not None) == is_inside
 
 
