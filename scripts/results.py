@@ -140,6 +140,10 @@ def table(rows: Sequence[tuple[Result, Row]], known: Mapping[str, str]) -> str:
         "`make results` makes them again, and this page and the picture on the results page from them. "
         "[What a results file holds, and what it proves](../docs/verification.md).",
         "",
+        "The lower bounds of the table are those of the suites' files, for three base poses for each grasp. "
+        "`bounds.jsonl` has those of today, for 40, which are [often lower](../docs/audit.md#lower-bounds-that-have-"
+        "changed): `python scripts/suite_bounds.py`.",
+        "",
         "`cards.json` has the scores of the [task cards](../docs/environments/cards/index.md) that no other file has: "
         "`python -m scripts.card_scores` makes them again. `audits.json` has the small audits of the "
         "[suites](../docs/audit.md): `python -m scripts.audits`.",
