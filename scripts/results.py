@@ -165,7 +165,7 @@ def draw(rows: Sequence[Row], known: Mapping[str, str]) -> None:
     success.set_yticks(range(len(rows)), [f"{row.scene_set}  {row.policy}" for row in rows])
     success.set_ylim(len(rows) - 0.5, -0.5)
     success.set(title="clean success of 100 scenes", xlim=(-0.03, 1.03))
-    moves.set(title="moves / lower bound", xlim=(0.0, 1.6))
+    moves.set(title="moves / lower bound of the file", xlim=(0.0, 1.8))
     moves.axvline(1.0, color="0.5", linewidth=1, linestyle=":")
     drawn, content, text = io.BytesIO(), io.BytesIO(), PngInfo()
     figure.savefig(drawn, dpi=120)
