@@ -111,7 +111,8 @@ class Problem:
         than those of the goal seem to be in the way, it holds for many more base poses than plans begin with.
         """
         found = self.first_bound(expansions, deadline, is_exact=is_exact)
-        if self.candidates.closely or found.picks == len(must_move(self.scene, self.goal, self.start)):
+        to_pick = {*must_move(self.scene, self.goal, self.start)} - {*self.scene.held_names}
+        if self.candidates.closely or found.picks == len(to_pick):
             return found
         closer = self.closer.first_bound(expansions, deadline, is_exact=is_exact)
         if closer.picks is not None and (found.picks is None or closer.picks < found.picks):

@@ -10,7 +10,7 @@ import pytest
 from assets.robots import FETCH
 from planners import Infeasible, Planner, Problem, Scene, SceneError, Solution, StaticObstacle
 from planners.collision.world import CollisionWorld
-from planners.goals import GoalError, on
+from planners.goals import GoalError, holding, on
 from planners.motion.kept import KeptMotions
 from planners.motion.path import WholeBodyPath, on_base
 from planners.scene import UnknownObject
@@ -175,6 +175,22 @@ def test_a_plan_that_more_base_poses_make_shorter_is_found_and_the_bound_says_so
     assert plan.picks == bound.picks == PLANNER.lower_bound(scene, target).picks
     assert bound.picks == (PLANNER.clearance_floor(scene, target).count or 0) + 1
     assert plan.bound == bound
+
+
+def test_an_object_in_the_hand_is_no_pick_that_ends_the_closer_look() -> None:
+    # One pick for each object that must move: the one in the hand needs none, so another one may be left out.
+    scene = random_scene(15, 4)
+    objects = (*(one for one in scene.objects if one.name != "object_09"), cylinder("held", -0.25, 0.62))
+    scene = replace(scene, objects=objects, supports=("table_top", "counter_left"))
+    taken = PLANNER.solve(scene, "held")
+    assert isinstance(taken, Solution)
+    assert taken.end is not None
+    goal = on("held", "counter_left") & holding("object_11")
+    problem = PLANNER.problem(taken.end, goal)
+    first, bound, plan = problem.first_bound(), problem.lower_bound(), PLANNER.solve_problem(problem)
+    assert isinstance(plan, Solution)
+    assert first.picks == 2, "else this scene shows nothing"
+    assert plan.picks == bound.picks == 1
 
 
 def test_looking_closely_never_makes_a_bound_higher_nor_a_plan_longer() -> None:
