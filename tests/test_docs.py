@@ -24,6 +24,7 @@ from clutter_env.cli.main import COMMANDS, read
 from clutter_env.config import EnvConfig
 from clutter_env.envs.observation import OBJECT_FIELDS, OBSERVATION_LAYOUT
 from clutter_env.envs.reward import EVENT_SCALES, POTENTIAL_SCALES
+from clutter_env.reporting.files import read_json
 from clutter_env.scene.layout import LAYOUTS, Layout
 from clutter_env.scene.object_sets import SHAPE_SETS, capacity
 from planners import STRATEGIES, Cause, Solution
@@ -226,13 +227,30 @@ def test_the_results_in_readme_are_those_of_the_results_page() -> None:
     for cells in shown:
         suite = cells[0].split("`")[1]
         assert cells[1:] == known[suite][1:], suite
-        assert (suite in ("side-15-v3", "shelf-16-v4")) == known[suite][0].endswith("*"), "which are of this version"
+        assert (suite in ("side-15-v3", "deep-15-v2", "shelf-16-v4")) == known[suite][0].endswith("*"), "which are of this version"
     assert "0.89, 0.91, 0.92 on\n`side-15-v3` and 0.14, 0.17, 0.17 on `deep-15-v2`" in results
     text = " ".join(PAGES["README.md"].split())
     assert "0.89 to 0.92 on `side-15-v3`, 0.14 to 0.17 on `deep-15-v2`" in text
     table = re.findall(r"^\| \d+ \| \d+ \| [\d.]+ \| .*solves.* \|$", PAGES["README.md"], re.M)
     assert len(table) == 3
     assert all(row in results for row in table)
+
+
+def test_readme_says_of_the_expert_what_its_files_say() -> None:
+    """Episodes won, objects moved and the bounds of today, and in how many scenes both are equal."""
+    lines = [json.loads(line) for line in (ROOT / "results" / "bounds.jsonl").read_text().splitlines()]
+    optimal = []
+    for suite, success, moved, minimum in rows("README.md", "**An expert that knows its optimum.**"):
+        name = suite.strip("`")
+        episodes = read_json(ROOT / "results" / f"{name}_lookahead.json.xz")["episodes"]
+        mine = [line for line in lines if (line["suite"], line["grasps"]) == (name, "side")]
+        assert success == f"{sum(one['clean'] for one in episodes)} of {len(episodes)}"
+        assert int(moved) == sum(one["moved"] for one in episodes)
+        assert int(minimum) == sum(line["today"] for line in mine)
+        assert all(line["proved"] for line in mine)
+        optimal.append(sum(line["moved"] == line["today"] for line in mine))
+    assert len(optimal) == 2
+    assert f"In {optimal[0]} and {optimal[1]} of the scenes" in " ".join(PAGES["README.md"].split())
 
 
 def test_the_figures_with_a_file_are_bold_and_no_others() -> None:

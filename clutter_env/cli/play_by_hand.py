@@ -18,7 +18,7 @@ from clutter_env.data.episode import record
 from clutter_env.data.episode_file import write_episode
 from clutter_env.data.replay import replay_in_fresh_process
 from clutter_env.evaluation.evaluate import Evaluation, evaluate
-from clutter_env.evaluation.scenes import Scene, SceneSet, find_floor
+from clutter_env.evaluation.scenes import Scene, SceneSet, search_floor
 from clutter_env.evaluation.score import Score, play_scene
 from clutter_env.evaluation.tables import results
 from clutter_env.policies.by_hand import ByHand, Human, Move, Put, Take
@@ -180,7 +180,8 @@ def play_by_hand(
         env = scene.make(control_mode="joint")
         try:
             warmup(env.unwrapped.robot)  # type: ignore[attr-defined]  # of the Retrieve environments
-            floors.append(find_floor(scene, grasps))
+            # That of today: the bounds of suites were found with fewer base poses, and may be too high.
+            floors.append(search_floor(env, scene.reset(env)[1], grasps))
             score, hand, port = _play(scene, env, floors[-1], grasps, port, speed, number + 1 < len(scenes.scenes))
         finally:
             env.close()
