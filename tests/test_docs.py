@@ -227,7 +227,9 @@ def test_the_results_in_readme_are_those_of_the_results_page() -> None:
     for cells in shown:
         suite = cells[0].split("`")[1]
         assert cells[1:] == known[suite][1:], suite
-        assert (suite in ("side-15-v3", "deep-15-v2", "shelf-16-v4")) == known[suite][0].endswith("*"), "which are of this version"
+        assert (suite in ("side-15-v3", "deep-15-v2", "shelf-16-v4")) == known[suite][0].endswith("*"), (
+            "which are of this version"
+        )
     assert "0.89, 0.91, 0.92 on\n`side-15-v3` and 0.14, 0.17, 0.17 on `deep-15-v2`" in results
     text = " ".join(PAGES["README.md"].split())
     assert "0.89 to 0.92 on `side-15-v3`, 0.14 to 0.17 on `deep-15-v2`" in text
