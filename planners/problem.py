@@ -111,13 +111,30 @@ class Problem:
         than those of the goal seem to be in the way, it holds for many more base poses than plans begin with.
         """
         found = self.first_bound(expansions, deadline, is_exact=is_exact)
-        if self.candidates.closely or found.picks == len(must_move(self.scene, self.goal, self.start)):
+        if not self._may_be_lower(found):
             return found
+        if deadline.is_over:
+            return self.without_closer_look(found)
         closer = self.closer.first_bound(expansions, deadline, is_exact=is_exact)
         if closer.picks is not None and (found.picks is None or closer.picks < found.picks):
             return closer
         least, is_proved = min(found.least, closer.least), found.proved and closer.proved
         return found if (least, is_proved) == (found.least, found.proved) else replace(found, least=least, proved=False)
+
+    def without_closer_look(self, found: LowerBound) -> LowerBound:
+        """What a bound for the base poses that plans begin with says of many more, if there was no time for these."""
+        if not self._may_be_lower(found):
+            return found
+        return replace(found, least=min(found.least, self._to_pick), proved=False)
+
+    def _may_be_lower(self, found: LowerBound) -> bool:
+        """Whether many more base poses may lower a bound for those that plans begin with."""
+        return self.candidates.can_look_closely and found.picks != self._to_pick
+
+    @cached_property
+    def _to_pick(self) -> int:
+        """Number of the objects that every plan picks: those that must move and are in no hand."""
+        return len({*must_move(self.scene, self.goal, self.start)} - {*self.scene.held_names})
 
     def first_bound(
         self, expansions: int = MAX_EXPANSIONS, deadline: Deadline = NO_DEADLINE, *, is_exact: bool = True

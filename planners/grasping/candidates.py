@@ -299,6 +299,11 @@ class GraspCandidates:
             self._known, self.closely = {}, True
         self._known, self.remembers = {**other._known, **self._known}, True
 
+    @property
+    def can_look_closely(self) -> bool:
+        """Whether there may be more base poses than those looked at, for other objects than handles."""
+        return not (self.closely or all(isinstance(arm, FixedBase) for arm in self.arms.values()))
+
     def looking_closely(self, scene: Scene) -> GraspCandidates:
         """The grasps known in a scene, to be joined by those from many more base poses where none has a free way."""
         views, known = self._views_of(scene), {}

@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 _LOCATIONS, _APART = 4, 0.03
 """Locations of an area that are tested, and their least distance [m]."""
+_MANY_BASES = 40
+"""Base poses of each gripper pose that are tested before it is said that no hand can release an object."""
 _BASES = 8
 """Base poses of each grasp from which an object may be put down without driving."""
 
@@ -163,7 +165,8 @@ def can_be_released(
     body = scene.body(name)
     if place.location is None or place.below or not body.is_upright or name in scene.held_names:
         return True
-    gone, hands = scene.mask(scene.names), [view for view, _ in in_any_hand(candidates, scene, body)]
+    gone, hands = scene.mask(scene.names), list(in_any_hand(candidates, scene, body))
+    # Objects are also released from where they were taken. Such base poses are only found among many.
     return any(
         _is_any_free(
             search,
@@ -171,21 +174,28 @@ def can_be_released(
             wanted_poses(view, place, point, (place.yaw,)),
             place.face.top,
             gone,
+            most,
         )
+        for most in (0, _MANY_BASES)
         for point in points_about(place)
-        for view in hands
+        for view, _ in hands
     )
 
 
-def _is_any_free(search: PlacementSearch, world: CollisionWorld, wanted: Array, level: float, gone: int) -> bool:
-    """Whether an arm configuration from some base pose releases the object at one of the gripper poses (k, 5)."""
+def _is_any_free(
+    search: PlacementSearch, world: CollisionWorld, wanted: Array, level: float, gone: int, most: int = 0
+) -> bool:
+    """Whether an arm configuration from some base pose releases the object at one of the gripper poses (k, 5).
+
+    `most`: base poses for each gripper pose, if that is more than plans begin with.
+    """
     held, body = in_hand(world.scene)
     opening = opening_around(world.scene.robot, body, held)
     # Most hands that do not fit hit something themselves, whatever the arm does.
     wanted = wanted[gripper_hits(world, wanted, opening, held=held, ignore=gone) == 0]
     if not len(wanted):
         return False
-    return len(_scan(search, world, wanted, level, gone, np.zeros((0, 3)), first_free=True)[1].q) > 0
+    return len(_scan(search, world, wanted, level, gone, np.zeros((0, 3)), first_free=True, most=most)[1].q) > 0
 
 
 def _minimal(masks: Collection[int]) -> tuple[int, ...]:
@@ -220,6 +230,7 @@ def _scan(
     more_bases: Array,
     first_free: bool = False,
     known: Collection[int] = (),
+    most: int = 0,
 ) -> tuple[GripperPoses, ArmConfigurations]:
     """Arm configurations that release the held object at gripper poses (k, 5), with the objects that each hits.
 
@@ -229,7 +240,7 @@ def _scan(
     """
     scene, (held, body) = world.scene, in_hand(world.scene)
     robot = scene.robot
-    bases, index = search.arms[robot.arm_name].bases(wanted)
+    bases, index = search.arms[robot.arm_name].bases(wanted, most)
     near = [np.flatnonzero(can_reach(scene, wanted, base)) for base in more_bases]
     bases = np.concatenate(
         (bases, *(np.tile(base, (len(rows), 1)) for base, rows in zip(more_bases, near, strict=True)))

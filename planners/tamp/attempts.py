@@ -45,8 +45,7 @@ def best_of_attempts(
         if deadline.is_over or is_proved:
             break
     best = best_outcome(outcomes, is_proved, deadline)
-    if not deadline.is_over:
-        best = _or_with_fewer_picks(best, problem, strategy, task_planner, rng, deadline)
+    best = _or_with_fewer_picks(best, problem, strategy, task_planner, rng, deadline)
     scene = problem.scene
     leaning = [one.name for one in scene.objects if one.name not in scene.held_names and leans(one)]
     if isinstance(best, Infeasible) and leaning:
@@ -97,16 +96,29 @@ def _or_with_fewer_picks(
     has_bound = found.bound is not None if isinstance(found, Solution) else found.cause.lies_in_grasps
     if not has_bound:
         return found
+    if deadline.is_over:
+        return _without_closer_look(found, problem, deadline)
     bound = problem.lower_bound(deadline=deadline, is_exact=False)
     if isinstance(found, Solution):
         found = replace(found, bound=bound.met_by(found.picks))
+    elif deadline.is_over:
+        return _without_closer_look(found, problem, deadline)
     can_be_better = bound.picks is not None and (isinstance(found, Infeasible) or bound.least < found.picks)
     if not can_be_better or problem.workspace.canonical:
         return found
     outcome, _ = _attempt(problem.closer, strategy, task_planner, rng, deadline, None)
-    if isinstance(outcome, Infeasible) or best_outcome([found, outcome], True, deadline) is found:
-        return found
-    return replace(outcome, bound=bound.met_by(outcome.picks))
+    # A refusal for want of grasps is refuted by the bound.
+    best = best_outcome([found, outcome], False, deadline)
+    return replace(best, bound=bound.met_by(best.picks)) if isinstance(best, Solution) else best
+
+
+def _without_closer_look(found: Solution | Infeasible, problem: Problem, deadline: Deadline) -> Solution | Infeasible:
+    """The outcome after the deadline: what it says of the base poses that plans begin with is not said of all."""
+    if isinstance(found, Infeasible):
+        is_proved = problem.workspace.canonical or not problem.candidates.can_look_closely
+        return found if is_proved or found.cause is Cause.TOO_WIDE else best_outcome([found], False, deadline)
+    bound = found.bound and problem.without_closer_look(found.bound)
+    return replace(found, bound=bound and bound.met_by(found.picks))
 
 
 def is_final(outcome: Solution | Infeasible, near_home: bool) -> bool:

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from planners import Infeasible, Planner, Problem, Scene, SceneError, Solution, StaticObstacle
+from planners import Cause, Infeasible, Planner, Problem, Scene, SceneError, Solution, StaticObstacle
+from planners.clock import Deadline
 from planners.collision.world import CollisionWorld
-from planners.goals import GoalError, on
+from planners.goals import GoalError, holding, on
 from planners.motion.kept import KeptMotions
 from planners.motion.path import WholeBodyPath, on_base
 from planners.scene import UnknownObject
+from planners.strategies import STRATEGIES
+from planners.symbolic.engines import task_planner
+from planners.tamp import attempts
+from planners.tamp.algorithm1 import task_and_motion_plan
+from planners.tamp.state import Search
 from tests.planners.scenes import cylinder, random_scene, table_scene
 
 PLANNER = Planner(FETCH, grasps="side")
@@ -177,12 +183,101 @@ def test_a_plan_that_more_base_poses_make_shorter_is_found_and_the_bound_says_so
     assert plan.bound == bound
 
 
+def test_an_object_in_the_hand_is_no_pick_that_ends_the_closer_look() -> None:
+    # One pick for each object that must move: the one in the hand needs none, so another one may be left out.
+    scene = random_scene(15, 4)
+    objects = (*(one for one in scene.objects if one.name != "object_09"), cylinder("held", -0.25, 0.62))
+    scene = replace(scene, objects=objects, supports=("table_top", "counter_left"))
+    taken = PLANNER.solve(scene, "held")
+    assert isinstance(taken, Solution)
+    assert taken.end is not None
+    goal = on("held", "counter_left") & holding("object_11")
+    problem = PLANNER.problem(taken.end, goal)
+    first, bound, plan = problem.first_bound(), problem.lower_bound(), PLANNER.solve_problem(problem)
+    assert isinstance(plan, Solution)
+    assert first.picks == 2, "else this scene shows nothing"
+    assert plan.picks == bound.picks == 1
+
+
 def test_looking_closely_never_makes_a_bound_higher_nor_a_plan_longer() -> None:
     for name in SCENE.names:
         problem = PLANNER.problem(SCENE, name)
         first, bound = problem.first_bound(), problem.lower_bound()
         assert first.picks is None or (bound.picks is not None and bound.picks <= first.picks)
         assert bound.picks is None or bound.least <= bound.picks
+
+
+@dataclass(frozen=True)
+class OverOnceAsked(Deadline):
+    """A deadline that is over once the first attempt has ended."""
+
+    ended: list[object] = field(default_factory=list)
+
+    @property
+    def is_over(self) -> bool:
+        return bool(self.ended)
+
+
+def late_answer(monkeypatch: pytest.MonkeyPatch, problem: Problem) -> Solution | Infeasible:
+    """The answer if the time is up after the first attempt, before the closer look."""
+    deadline = OverOnceAsked()
+
+    def first_attempt(search: Search) -> Solution | Infeasible:
+        found = task_and_motion_plan(search)
+        deadline.ended.append(found)
+        return found
+
+    monkeypatch.setattr(attempts, "task_and_motion_plan", first_attempt)
+    rng = np.random.default_rng(0)
+    found = attempts.best_of_attempts(problem, STRATEGIES["lookahead"], task_planner(None), rng, deadline)
+    assert len(deadline.ended) == 1
+    return found
+
+
+@pytest.mark.parametrize(("objects", "seed", "target"), CLOSER)
+def test_a_bound_without_the_closer_look_for_want_of_time_is_not_said_to_be_proved(
+    monkeypatch: pytest.MonkeyPatch, objects: int, seed: int, target: str
+) -> None:
+    scene = random_scene(objects, seed)
+    bound = PLANNER.lower_bound(scene, target)
+    plan = late_answer(monkeypatch, PLANNER.problem(scene, target))
+    assert isinstance(plan, Solution)
+    assert plan.bound is not None
+    assert bound.picks is not None
+    assert plan.picks > bound.picks, "else this scene shows nothing"
+    assert plan.bound.least <= bound.picks
+    assert not plan.bound.proved
+
+
+def test_a_refusal_without_the_closer_look_for_want_of_time_is_the_time_limits(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """In this scene all grasps from the first base poses block each other. From others, one clearance is enough."""
+    scene, target = random_scene(38, 2), "object_25"
+    problem = PLANNER.problem(scene, target)
+    assert problem.first_bound().cause is Cause.NO_SELF_CLEARABLE_SET, "else this scene shows nothing"
+    plan = PLANNER.solve(scene, target)
+    assert isinstance(plan, Solution)
+    assert plan.picks == 2
+    refusal = late_answer(monkeypatch, problem)
+    assert isinstance(refusal, Infeasible)
+    assert refusal.cause is Cause.TIME_LIMIT
+    assert "no self-clearable set" in refusal.detail
+
+
+def test_a_refusal_for_want_of_grasps_does_not_stand_beside_a_bound_that_has_some(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def no_motion_from_many(search: Search) -> Solution | Infeasible:
+        found = task_and_motion_plan(search)
+        return found if isinstance(found, Infeasible) else search.infeasible(Cause.MOTION, "none", ())
+
+    monkeypatch.setattr(attempts, "task_and_motion_plan", no_motion_from_many)
+    problem = PLANNER.problem(random_scene(38, 2), "object_25")
+    refusal = PLANNER.solve_problem(problem)
+    assert isinstance(refusal, Infeasible)
+    assert problem.lower_bound().picks is not None
+    assert refusal.cause is Cause.MOTION
 
 
 def test_a_grasp_that_many_base_poses_find_but_no_motion_reaches_leaves_the_first_plan() -> None:

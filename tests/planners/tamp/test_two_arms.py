@@ -11,7 +11,7 @@ import pytest
 
 import clutter_env  # noqa: F401  registers the environments
 from assets.robots import FETCH, PR2, InvalidRobot
-from planners import ArmsError, ExpertConfig, ExpertError, Planner, Solution, TampExpert, execute
+from planners import ArmsError, ExpertConfig, ExpertError, Planner, Solution, TampExpert, execute, goals
 from planners.clearing.moves import MoveMaker
 from planners.collision.hit_kernels import place_along
 from planners.collision.world import CollisionWorld
@@ -26,6 +26,7 @@ from planners.scene import HeldObject, RobotState, Scene
 from planners.tamp import motion_layer
 from planners.workspace import Workspace
 from tests.planners.plans import assert_free, play
+from tests.planners.scenes import random_scene
 
 BOTH = PR2.with_all_arms()
 
@@ -292,3 +293,28 @@ def test_an_episode_in_which_the_other_arm_acts_succeeds(
     assert play(env, expert)["is_success"], expert.report
     held = env.unwrapped.measurements.grip.held
     assert sum(slot >= 0 for slot in held) == 1 + hold_aside
+
+
+@pytest.mark.parametrize(
+    ("objects", "seed", "both", "picks"),
+    [(5, 61005, True, 3), pytest.param(3, 61017, False, 4, marks=pytest.mark.slow)],
+)
+def test_no_hand_can_release_is_not_said_of_what_a_plan_releases(
+    objects: int, seed: int, both: bool, picks: int
+) -> None:
+    """None of the few base poses for the place was free. A plan released the object from where it had taken it."""
+    drawn, robot = random_scene(objects, seed), BOTH if both else PR2
+    state = RobotState(drawn.state.base, np.array(robot.home), robot.max_finger_position)
+    scene = replace(drawn, robot=robot, state=state, supports=("table_top", "counter_left", "counter_right"))
+    one, other = ("object_04", "object_02") if both else ("object_02", "object_01")
+    goal = goals.and_(
+        goals.at(one, scene.body(other).position[:2], 0.005),
+        goals.at(other, scene.body(one).position[:2], 0.005),
+        *([] if both else [goals.holding("object_00")]),
+    )
+    planner = Planner(robot, grasps="side")
+    bound, plan = planner.lower_bound(scene, goal), planner.solve(scene, goal)
+    assert isinstance(plan, Solution)
+    assert plan.picks == picks
+    assert bound.picks is not None
+    assert bound.least <= picks
