@@ -71,11 +71,13 @@ def _attempt(
     remembers = strategy.plans_ahead or not problem.target
     layer = MotionLayer(workspace, rng, compiled, deadline, problem.motions, checks_at_end=workspace.shortens)
     layer = layer.with_known(known if remembers else None)
+    layer.candidates.closely |= problem.candidates.closely
     outcome = task_and_motion_plan(Search(problem, strategy, task_planner, layer))
     if layer.is_refuted:
         # The repeated run makes the same random choices.
         rng.bit_generator.state = before
         layer = MotionLayer(workspace, rng, compiled, deadline).with_known(layer if remembers else None)
+        layer.candidates.closely |= problem.candidates.closely
         outcome = task_and_motion_plan(Search(problem, strategy, task_planner, layer))
     return outcome, layer
 
@@ -109,7 +111,9 @@ def _or_with_fewer_picks(
     outcome, _ = _attempt(problem.closer, strategy, task_planner, rng, deadline, None)
     # A refusal for want of grasps is refuted by the bound.
     best = best_outcome([found, outcome], False, deadline)
-    return replace(best, bound=bound.met_by(best.picks)) if isinstance(best, Solution) else best
+    if isinstance(best, Solution) and best.bound is not None:
+        return replace(best, bound=bound.met_by(best.picks))
+    return best
 
 
 def _without_closer_look(found: Solution | Infeasible, problem: Problem, deadline: Deadline) -> Solution | Infeasible:

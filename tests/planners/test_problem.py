@@ -298,3 +298,10 @@ def test_canonical_plans_are_those_of_the_first_base_poses() -> None:
     assert same_motions(plans[0], plans[1])
     assert plans[0].bound is not None
     assert plans[0].bound.least <= plans[0].picks
+
+
+@pytest.mark.parametrize("strategy", ["ngr", "dogar", "srivastava"])
+def test_strategies_of_the_papers_look_closely_where_they_find_no_grasps(strategy: str) -> None:
+    plan = PLANNER.solve(random_scene(38, 2), "object_25", strategy)
+    assert isinstance(plan, Solution)
+    assert plan.bound is None
