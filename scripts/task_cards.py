@@ -175,11 +175,7 @@ CARDS_OF_FAMILIES = (
         1,
         random=quoted("results.md", r"`random`: (0\.\d\d)\.", "all suites"),
         expert=results_file("side-15-v3_lookahead"),
-        learner=quoted(
-            "results.md",
-            r"`side-15-v3`\*? \| [\d.]+ \| (\d\.\d\d \[[\d., ]+\]) \|",
-            "`keyframes`, 100 scenes of `side-15-v3`, physics of 0.2",
-        ),
+        learner=results_file("side-15-v3_keyframes"),
     ),
     Card(
         "clutter_env/ArmRetrieve-o3-v0",

@@ -19,6 +19,9 @@ from scripts import results
 
 ROOT = Path(__file__).resolve().parents[3]
 FILES = sorted((ROOT / "results").glob("*.xz"))
+LINES = [json.loads(line) for line in (ROOT / "results" / "bounds.jsonl").read_text().splitlines()]
+TODAY = {(line["suite"], line["seed"], line["grasps"]): line["today"] for line in LINES if line["proved"]}
+"""Bounds of today, by suite, seed and grasp set. Those of the suites' files were found with fewer base poses."""
 
 
 @cache
@@ -46,7 +49,13 @@ def test_a_replay_gives_the_score_of_the_file(name: str, index: int) -> None:
     assert {key: score[key] for key in episode if key in score} == {
         key: episode[key] for key in episode if key in score
     }
-    assert score["moved"] + score["opened"] >= episode["floor"]
+    assert score["moved"] + score["opened"] >= least(file, score["seed"], episode["floor"])
+
+
+def least(file: Path, seed: int, stored: int) -> int:
+    """The proved bound of a scene: that of today, or that of the suite's file where it was not worked out again."""
+    content = read(file)
+    return TODAY.get((content["suite"], seed, content["grasps"]), stored)
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
@@ -55,7 +64,7 @@ def test_no_clean_episode_is_below_a_proved_bound(file: Path) -> None:
     below = [
         index
         for index, (score, floor) in enumerate(zip(evaluation.scores, evaluation.floors, strict=True))
-        if score.clean and floor.is_proved and score.moved + score.opened < floor.count
+        if score.clean and floor.is_proved and score.moved + score.opened < least(file, score.seed, floor.count)
     ]
     assert not below
 
