@@ -292,7 +292,7 @@ class Planner:
         workspace = Workspace.of(self.robot, scene, grasps=self.grasps)
         if target in scene.held_names:
             return ClearanceFloor(0, (), True, 0, grasps=workspace.catalogue)
-        blockers = partial(replace(workspace.grasps(), closely=True).blockers, scene)
+        blockers = partial(workspace.looking_closely().grasps().blockers, scene)
         found = next(self_clearable_sets(blockers, target, scene.names, expansions=expansions))
         is_too_wide = found.cause == Cause.UNREACHABLE and workspace.too_wide(scene, target)
         return replace(found, cause=Cause.TOO_WIDE if is_too_wide else found.cause, grasps=workspace.catalogue)

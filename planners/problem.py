@@ -98,7 +98,7 @@ class Problem:
     @cached_property
     def closer(self) -> Problem:
         """The same problem with many more base poses, for objects with something in the way of every known grasp."""
-        closer = replace(self, _bounds={})
+        closer = replace(self, workspace=self.workspace.looking_closely(), _bounds={})
         object.__setattr__(closer, "candidates", self.candidates.looking_closely(self.scene))
         return closer
 

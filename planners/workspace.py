@@ -52,6 +52,7 @@ class Workspace:
             control.
         saves_time: whether strategies that plan ahead prefer quick grasps. For robots that act with one arm, releases
             at which the gripper is turned least come first too.
+        closely: whether grasps are looked for from many base poses, of objects with something in the way of the others.
         hurries: whether moves of an object are compared by their time, and motions merged thoroughly, to save time.
     """
 
@@ -65,6 +66,7 @@ class Workspace:
     controller: TcpFollower | None = None
     saves_time: bool = False
     hurries: bool = False
+    closely: bool = False
 
     @classmethod
     def of(
@@ -109,6 +111,10 @@ class Workspace:
         arms = {name: arm.with_more(_BASES_NEAR_HOME) for name, arm in self.arms.items()}
         return replace(self, arms=MappingProxyType(arms), near_home=True)
 
+    def looking_closely(self) -> Workspace:
+        """The same workspace with many more base poses, for objects with something in the way of every other grasp."""
+        return replace(self, closely=True)
+
     def anywhere(self) -> Workspace:
         """The same workspace with a base that can drive through walls, to explain a lack of grasps."""
         arms = {name: arm.anywhere() for name, arm in self.arms.items()}
@@ -116,7 +122,8 @@ class Workspace:
 
     def grasps(self, compiled: CompiledScenes | None = None) -> GraspCandidates:
         """New, empty cache of grasps. `compiled` are collision worlds to share."""
-        return GraspCandidates(self.arms, self.families, self.canonical, self.near_home, compiled or CompiledScenes())
+        compiled = compiled or CompiledScenes()
+        return GraspCandidates(self.arms, self.families, self.canonical, self.near_home, compiled, self.closely)
 
     @property
     def catalogue(self) -> str:

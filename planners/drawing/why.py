@@ -126,7 +126,7 @@ def why_grasps(
     """
     scene = without_pull(scene)
     workspace = Workspace.of(scene.robot, scene, grasps=tuple(families))
-    candidates, hands = replace(workspace.grasps(), closely=True), _Hands()
+    candidates, hands = workspace.looking_closely().grasps(), _Hands()
     picks = {} if plan is None else _first_picks(plan)
     found = []
     for name in scene.names:

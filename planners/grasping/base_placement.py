@@ -43,6 +43,9 @@ _AROUND, _FARTHEST = 1.6, 12.0
 """[m] of ground around every other support and object, from where the arm reaches it; and no farther than that."""
 _YAW_TOLERANCE = 1e-6
 """[rad] by which the yaw of the map's approach may differ from the gripper's: rounding."""
+MANY_BASES = 40
+"""Base poses for each gripper pose of a closer look. More are hardly ever there: with 160 no bound of 48 scenes was
+lower."""
 _SPARE, _SPARE_MORE = 6, 64
 """Base poses looked at for each one wanted: of a base that is not round; for gripper poses beside the base, and where
 the robot cannot drive to some."""

@@ -32,7 +32,7 @@ from planners.grasping.arm_configurations import (
     scan_configurations,
 )
 from planners.grasping.bar_grasps import BarFamily, bar_grasps, turned, with_hand_turned
-from planners.grasping.base_placement import STRAIGHT, TURNED, FixedBase, Placer, facing_bases
+from planners.grasping.base_placement import MANY_BASES, STRAIGHT, TURNED, FixedBase, Placer, facing_bases
 from planners.grasping.families import SIDE, Family, families_for
 from planners.grasping.grasp_poses import GraspPose, can_pull, generate_grasps
 from planners.grasping.push_poses import PushFamily, push_poses
@@ -45,8 +45,6 @@ _AnyFamily: TypeAlias = Family | BarFamily | PushFamily
 _BASES = (0, 8)
 """Base poses for each gripper pose: the placer's own number, then more where these give no grasp, or, under a shelf, no
 grasp with nothing in its way."""
-_MANY_BASES = 40
-"""The same of a closer look. More are hardly ever there: with 160 no bound of 48 scenes was lower."""
 _OPENINGS = 0.015
 """[m] between the openings of groups of grasps of one object."""
 _REFILLS = 8
@@ -260,7 +258,7 @@ class GraspCandidates:
     ) -> list[list[GraspCandidate]]:
         """The grasps of one stage for each gripper pose of (k, 5) by itself, from many base poses or from few."""
         placer, found = self.arms[scene.robot.arm_name], [list[GraspCandidate]() for _ in wanted]
-        for most in (_MANY_BASES,) if many else _BASES:
+        for most in (MANY_BASES,) if many else _BASES:
             bases, index = facing_bases(placer, wanted, stage.turns) if stage.turns else placer.bases(wanted, most)
             for k in range(len(wanted)):
                 poses = GripperPoses(np.ascontiguousarray(bases[index == k]), wanted[index[index == k]])
@@ -292,11 +290,8 @@ class GraspCandidates:
     def learn(self, other: GraspCandidates) -> None:
         """Take over what is known elsewhere, in the same scene, of objects of which nothing is known here.
 
-        From then on what is known is kept when objects move, as with `remembers`. Who has looked closely there looks
-        closely here, too.
+        From then on what is known is kept when objects move, as with `remembers`.
         """
-        if other.closely and not self.closely:
-            self._known, self.closely = {}, True
         self._known, self.remembers = {**other._known, **self._known}, True
 
     @property
@@ -456,7 +451,7 @@ class GraspCandidates:
         """The grasps from base poses of the reachability map."""
         covered, placer = is_covered(scene, body.foot), self.arms[scene.robot.arm_name]
         if stage.has_many_bases:
-            bases, index = placer.bases(wanted, _MANY_BASES)
+            bases, index = placer.bases(wanted, MANY_BASES)
             poses = self._untried(scene, body, GripperPoses(bases, wanted[index]))
             return self._scan(scene, body, poses, opening, stage, known={grasp.blockers for grasp in known})
         candidates: list[GraspCandidate] = []

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import ArmConfigurations, GripperPoses, gripper_hits, scan_configurations
+from planners.grasping.base_placement import MANY_BASES
 from planners.grasping.candidates import GraspCandidates, gripper_poses
 from planners.grasping.grasp_poses import generate_grasps, opening_around
 from planners.motion.approaches import ContactQuery, fewest_hits
@@ -25,8 +26,6 @@ Array = NDArray[np.float64]
 
 _LOCATIONS, _APART = 4, 0.03
 """Locations of an area that are tested, and their least distance [m]."""
-_MANY_BASES = 40
-"""Base poses of each gripper pose that are tested before it is said that no hand can release an object."""
 _BASES = 8
 """Base poses of each grasp from which an object may be put down without driving."""
 
@@ -176,7 +175,7 @@ def can_be_released(
             gone,
             most,
         )
-        for most in (0, _MANY_BASES)
+        for most in (0, MANY_BASES)
         for point in points_about(place)
         for view, _ in hands
     )
