@@ -1,4 +1,8 @@
-"""Causes of a solve without a plan."""
+"""Causes of a solve without a plan.
+
+A cause is found while planning, in `planners.clearing`, and worded in `planners.tamp.explain`. `solve` puts objects
+that are not at rest in its place, which nothing else can be planned for.
+"""
 
 from __future__ import annotations
 

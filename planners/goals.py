@@ -293,10 +293,11 @@ class Goal:
     def from_pddl(cls, text: str, scene: Scene | None = None) -> Goal:
         """Read a goal from PDDL text: one fact, or `(and fact fact …)`, nested or not, with or without `(:goal …)`.
 
-        Facts are `(holding a)`, `(on a place)`, `(inside a region)`, `(clear region)` and `(before a b)`. Facts with
-        numbers are `(at a (x 0.5) (y 0.2) (yaw 1.57) (z 0.83) (tolerance 0.02) (yaw-tolerance 0.1))`, which needs only
-        x and y, and `(holding a (x 0.5) (y 0.2) (z 1.1) (tolerance 0.02))`. Names with blanks or parentheses need
-        quotation marks. PDDL keywords may be in capitals.
+        Facts are `(holding a)`, `(on a place)`, `(inside a region)`, `(clear region)`, `(open drawer)`,
+        `(closed drawer)` and `(before a b)`. Facts with numbers are `(turned knob (angle 1.2))`,
+        `(at a (x 0.5) (y 0.2) (yaw 1.57) (z 0.83) (tolerance 0.02) (yaw-tolerance 0.1))`, which needs only x and y, and
+        `(holding a (x 0.5) (y 0.2) (z 1.1) (tolerance 0.02))`. Names with blanks or parentheses need quotation marks.
+        PDDL keywords may be in capitals.
 
         `forall` and `exists` range over the scene's objects, or with `?x - support`, `?x - region`, `?x - place` over
         these. Alternatives of `or`, `imply` and `exists` are dropped if they contradict the rest of the goal. Exactly

@@ -19,7 +19,7 @@ import tyro
 from numpy.typing import NDArray
 
 import clutter_env  # noqa: F401  registers the environments
-from clutter_env.policies.experts import make_expert
+from clutter_env.policies.experts import EXPERTS, make_expert
 from clutter_env.policies.playing import played
 from clutter_env.policies.protocol import begin_episode
 from clutter_env.policies.registry import PolicyTraits, load_policy
@@ -33,8 +33,8 @@ Frame = NDArray[np.uint8]
 FRAMES_PER_SECOND = 10
 _LAST_S = 1.5
 """How long the last frame stays."""
-_FRONT_PAGE, _NEAR = (640, 400), (224, 168)
-"""Width and height [pixels] of the front page's film, and of its view of the gripper, with a white edge."""
+_WITH_HAND, _NEAR = (640, 400), (224, 168)
+"""Width and height [pixels] of a film with the hand, and of its view of the gripper, with a white edge."""
 _EDGE = 3
 _LARGE, _FAR = (640, 480), 1.3
 """The same of films from near, and [m] from the middle of the table to the base up to which the robot is in them."""
@@ -43,10 +43,7 @@ _INTO_DRAWER, _PAST_DOOR = (65.0, -58.0), (30.0, -46.0)
 
 
 class Entry(NamedTuple):
-    """A film: name of the file, environment, its keyword arguments, expert or "greedy" for skills, seed.
-
-    That of the front page is larger, and shows the gripper from near too.
-    """
+    """A film: name of the file, environment, its keyword arguments, expert or policy, seed."""
 
     name: str
     env_id: str
@@ -55,13 +52,18 @@ class Entry(NamedTuple):
     seed: int = 1
     steps_per_frame: int = 5
     """Control steps of 0.05 s from frame to frame."""
-    is_front_page: bool = False
+    shows_hand: bool = False
+    """Whether it is larger, with the gripper from near in a corner."""
     is_near: bool = False
     """Whether it shows the table and the robot at work, larger, and not where the robot starts."""
 
 
 ENTRIES: tuple[Entry, ...] = (
-    Entry("retrieve", "clutter_env/Retrieve-o15-v0", {"obstructed": True}, is_front_page=True),
+    Entry("retrieve", "clutter_env/Retrieve-o15-v0", {"obstructed": True}, shows_hand=True),
+    Entry("pr2", "clutter_env/Retrieve-o15-v0", {"obstructed": True, "robot": "pr2"}, shows_hand=True),
+    Entry("panda", "clutter_env/Retrieve-o15-v0", {"obstructed": True, "robot": "panda_mobile"}, shows_hand=True),
+    Entry("household", "clutter_env/Retrieve-o15-v0", {"object_set": "household"}, "lookahead-all", shows_hand=True),
+    Entry("failure", "clutter_env/Retrieve-o15-v0", {"obstructed": True}, "direct-approach", shows_hand=True),
     Entry("shelf", "clutter_env/Retrieve-o10-v0", {"layout": "shelf"}, "lookahead-all"),
     Entry("dense", "clutter_env/Retrieve-o25-v0", {"layout": "dense", "obstructed": True}, "lookahead-all"),
     Entry("sort", "clutter_env/Rearrange-o4-v0", {"task": "sort"}, "lookahead-all", steps_per_frame=10),
@@ -69,6 +71,9 @@ ENTRIES: tuple[Entry, ...] = (
     Entry("skill", "clutter_env/Skill-o10-v0", {"obstructed": True}, "greedy"),
     Entry("reach", "clutter_env/Reach-v0", {}, "reach", steps_per_frame=1),
     Entry("pick", "clutter_env/Pick-v0", {}, "pick", steps_per_frame=1),
+    Entry("arm_pick", "clutter_env/ArmPick-v0", {}, "armpick", steps_per_frame=1),
+    Entry("arm_retrieve", "clutter_env/ArmRetrieve-o3-v0", {}, "armretrieve", steps_per_frame=2),
+    Entry("search", "clutter_env/Search-o10-v0", {}, "examples.search_expert:Searches", steps_per_frame=10),
     Entry("rgbd", "clutter_env/Retrieve-o15-v0", {"obs_mode": "rgbd", "image_size": 192}),
 )
 OPENING = tuple(
@@ -94,7 +99,7 @@ def main(
 
     Args:
         names: Films to make.
-        size: Pixels of a film's width, but for the front page's; it is three quarters as high.
+        size: Pixels of a film's width, but for the larger ones; it is three quarters as high.
         out: Directory of the films.
     """
     known = {entry.name: entry for entry in ENTRIES}
@@ -110,8 +115,8 @@ def main(
 
 def frames(entry: Entry, size: int) -> Iterator[Frame]:
     """The frames of one episode; with images in the observation those of the robot's cameras, side by side."""
-    acts_by_skills = entry.expert == "greedy"
-    policy: Any = load_policy("greedy", 0) if acts_by_skills else make_expert(entry.expert)
+    acts_by_skills = entry.env_id.startswith("clutter_env/Skill")
+    policy: Any = make_expert(entry.expert) if entry.expert in EXPERTS else load_policy(entry.expert, 0)
     keywords = {**PolicyTraits.of(policy).env_keywords, **entry.keywords}
     if "obs_mode" not in keywords:
         keywords |= {"render_mode": "rgb_array", "width": size, "height": 3 * size // 4}
@@ -119,7 +124,7 @@ def frames(entry: Entry, size: int) -> Iterator[Frame]:
     observation, info = env.reset(seed=entry.seed)
     begin_episode(policy, info, env)
     world = env.unwrapped
-    special = _front_page(world) if entry.is_front_page else _at_work(world) if entry.is_near else None
+    special = _with_hand(world) if entry.shows_hand else _at_work(world) if entry.is_near else None
     picture = special or (lambda: _image(env, observation))
     # A skill is one step, whose frame is shown for a second.
     repeats, every = (FRAMES_PER_SECOND, 1) if acts_by_skills else (1, entry.steps_per_frame)
@@ -138,11 +143,11 @@ def frames(entry: Entry, size: int) -> Iterator[Frame]:
     env.close()
 
 
-def _front_page(env: Any) -> Callable[[], Frame]:
+def _with_hand(env: Any) -> Callable[[], Frame]:
     """Pictures of the table and the robot at work, the gripper from near in the corner before the robot."""
-    views = [Renderer(env.model, *size) for size in (_FRONT_PAGE, _NEAR)]
+    views = [Renderer(env.model, *size) for size in (_WITH_HAND, _NEAR)]
     views[1].has_shadows = False  # from near they are coarse
-    direction, (width, height) = across(env.layout), _FRONT_PAGE
+    direction, (width, height) = across(env.layout), _WITH_HAND
     whole, near = work_place(env.model, env.layout, direction, width / height), near_view(direction)
 
     def picture() -> Frame:

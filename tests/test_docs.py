@@ -219,20 +219,16 @@ def test_files_and_names_of_the_pages_exist(page: str) -> None:
 
 
 def test_the_results_in_readme_are_those_of_the_results_page() -> None:
-    """Every cell of both tables, and the figures of MaskablePPO."""
+    """Every cell of both tables. README has only what a file of `results/` confirms."""
     results = PAGES["docs/results.md"]
     shown = rows("README.md", "**Headroom for learning.**")
     known = {cells[0].split("`")[1]: cells for cells in rows("docs/results.md", "## Policies on suites")}
-    assert len(shown) == 4
+    assert len(shown) == 2
     for cells in shown:
         suite = cells[0].split("`")[1]
         assert cells[1:] == known[suite][1:], suite
-        assert (suite in ("side-15-v3", "deep-15-v2", "shelf-16-v4")) == known[suite][0].endswith("*"), (
-            "which are of this version"
-        )
-    assert "0.89, 0.91, 0.92 on\n`side-15-v3` and 0.14, 0.17, 0.17 on `deep-15-v2`" in results
-    text = " ".join(PAGES["README.md"].split())
-    assert "0.89 to 0.92 on `side-15-v3`, 0.14 to 0.17 on `deep-15-v2`" in text
+        assert known[suite][0].endswith("*"), "of this version"
+        assert all(cell.startswith("**") for cell in cells[1:]), "only what a file of results/ holds"
     table = re.findall(r"^\| \d+ \| \d+ \| [\d.]+ \| .*solves.* \|$", PAGES["README.md"], re.M)
     assert len(table) == 3
     assert all(row in results for row in table)

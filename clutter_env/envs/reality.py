@@ -140,9 +140,10 @@ class Senses:
         self._is_dropped = bool(rng.random() < self._level("frames", "dropped"))
         if self._seen_poses is None or not self._is_dropped:
             self._seen_poses = poses
+            seen = replace(old, poses=poses)
+            for slot, low in enumerate(lowest):  # so that it stands as high with the size that it is thought to have
+                poses[slot, 2] += low - known.lowest_point(seen, slot)
         seen = replace(old, poses=self._seen_poses)
-        for slot, low in enumerate(lowest):  # with the size that it is thought to have it stands as high as it does
-            seen.poses[slot, 2] += low - known.lowest_point(seen, slot)
         known.data.qpos[index.object_qpos] = self._tracked(seen).ravel()
         known.data.time = data.time
         known.controller.state = control

@@ -47,7 +47,7 @@ def plot(rows: Sequence[Row], path: Path) -> None:
             _draw(by_floor, shown, offset, _FLOOR_COLOURS[name], label, marker="s")
         _draw(moved, [row.moved_per_floor for row in group], 0.0, _MOVED, "", marker="D")
         moved.axvline(1.0, color="0.5", linewidth=1, linestyle=":")
-        success.set(title="success", xlim=(-0.03, 1.03))
+        success.set(xlim=(-0.03, 1.03))
         by_floor.set(title="clean success, by lower bound", xlim=(-0.03, 1.03))
         moved.set(title="moved / lower bound, solved", xlim=(0, max(1.1, moved.get_xlim()[1])))
         for axes in (success, by_floor, moved):

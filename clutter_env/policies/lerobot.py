@@ -94,4 +94,5 @@ class LeRobotPolicy:
     def _seen(self, observation: Mapping[str, Any]) -> dict[str, Any]:
         """Inputs of the policy: vectors by LeRobot's names, and images by camera."""
         found = hub_observation(observation, self._observations)
-        return {**found, **found.pop("pixels", {})}
+        images = found.pop("pixels", {})
+        return {**found, **images}

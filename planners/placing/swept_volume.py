@@ -1,4 +1,7 @@
-"""Volume(robot, τ) and Volume(object, v) of eq. 1 and 2: shapes that cover the robot and its load on a path."""
+"""Volume(robot, τ) and Volume(object, v) of eq. 1 and 2: shapes that cover the robot and its load on a path.
+
+For what a drawer or a door sweeps see `planners.collision.opened`.
+"""
 
 from __future__ import annotations
 

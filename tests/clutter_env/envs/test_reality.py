@@ -130,6 +130,19 @@ def test_a_frame_that_is_seen_twice_is_handed_out_twice() -> None:
     env.close()
 
 
+def test_a_dropped_frame_has_the_old_heights_too() -> None:
+    env: Any = gym.make(ID, reality={"frames": 1.0}).unwrapped
+    env.reset(seed=3)
+    first, places = env.world.index.object_qpos.start, []
+    for _ in range(60):
+        env.data.qpos[first : first + 3] += (0.001, 0.0, 0.002)
+        env.step(np.zeros(env.action_size))
+        places.append(env._senses.measurements.poses[0, :3].copy())
+    is_old = np.diff(places, axis=0) == 0
+    assert 0 < is_old[:, 0].sum() < 30
+    assert np.array_equal(is_old[:, 0], is_old[:, 2])
+
+
 def test_misuse_is_refused_with_the_valid_choices() -> None:
     for cameras in ("head", ("head", "head"), None, [["head"], ["head"]]):
         with pytest.raises(ConfigError, match="different names"):
