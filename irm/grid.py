@@ -85,7 +85,7 @@ class MapParameters:
             raise ReachabilityError(f"heights must be an increasing pair of numbers, not {self.heights}")
         if not 0 <= self.rolls <= _MAX_ROLLS or self.samples < 1:
             raise ReachabilityError(f"rolls must be 0 to {_MAX_ROLLS} and samples ≥ 1: {self}")
-        refinement(self.orientations)
+        refinement(self.orientations)  # raises for a number that no set has
 
 
 def refinement(orientations: int) -> int:
@@ -134,7 +134,8 @@ class Orientations:
         for ring in _rings(m, parameters.pitches):
             pole = abs(ring) == m
             for k in range(1 if pole else rolls):
-                groups.append((ring * np.pi / (2 * m), wrap_to_pi(2 * np.pi * k / rolls), pole_yaws if pole else 4 * m))
+                pitch_of_ring, roll_of_group = ring * np.pi / (2 * m), wrap_to_pi(2 * np.pi * k / rolls)
+                groups.append((pitch_of_ring, roll_of_group, pole_yaws if pole else 4 * m))
         pitch, roll = np.array([group[0] for group in groups]), np.array([group[1] for group in groups])
         count = np.array([group[2] for group in groups], dtype=np.int64)
         start = np.concatenate([[0], np.cumsum(count)])
@@ -304,7 +305,7 @@ class MapGrid:
             torsos = (float(np.clip(chain.home_torso, low, high)),)
         if high - low >= _SHORT_LIFT * voxel:
             # Layers are as thick as the distance of torso samples, at most a voxel's edge. The samples include both
-            # ends of the lift. So a lift by one sample moves the map of a fixed torso by one layer.
+            # ends of the lift. So one map of a fixed torso, shifted by whole layers, serves all heights.
             steps = int(np.ceil((high - low) / voxel - 1e-9))
             thickness = (high - low) / steps
             torsos = (*(low + k * thickness for k in range(steps)), high)

@@ -15,7 +15,7 @@ An arm whose first axis is not vertical, or whose last axis is not the approach,
 from __future__ import annotations
 
 from math import pi
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,7 +117,7 @@ def images_of(chain: ArmChain, grid: MapGrid) -> Images:
 
 
 def without_limits(chain: ArmChain, images: Images) -> tuple[Floats, Floats]:
-    """Limits (1 + n,) of an arm without those of the joints that make images. The images are tested for these."""
+    """Joint limits (1 + n,) of an arm, lifted for the joints that make images: their limits are tested per image."""
     lower, upper = chain.lower.copy(), chain.upper.copy()
     for joint, count in ((1, images.quarters), (chain.size - 1, images.rolls)):
         if count > 1:
@@ -139,14 +139,25 @@ def touching(chain: ArmChain, shapes: Shapes, images: Images) -> Touching:
     turn[on_torso] = R[0] @ turn[on_torso]
     axis = np.array([*p[1, :2], 0.0])
     back = [rotation(-k * pi / 2, 0.0, 0.0) for k in range(images.quarters)]
-    kinds: list[NDArray[Any]] = [
-        np.ascontiguousarray(pairs[is_one & on_last])
-        for is_one in (lower_link > 0, lower_link == 0, lower_link == BASE)
-        for on_last in (~on_hand, on_hand)
-    ]
+
+    def chosen(are_meant: Bools) -> Integers:
+        return np.ascontiguousarray(pairs[are_meant])
+
     places = np.array([axis + (position - axis) @ R_back.T for R_back in back]).reshape(images.quarters, -1, 3)
     turns = np.array([R_back @ turn for R_back in back]).reshape(images.quarters, -1, 3, 3)
-    return Touching._make([*kinds, fixed, link[fixed] == BASE, places, turns, np.flatnonzero(link == last)])
+    return Touching(
+        arm=chosen((lower_link > 0) & ~on_hand),
+        hand=chosen((lower_link > 0) & on_hand),
+        torso=chosen((lower_link == 0) & ~on_hand),
+        torso_hand=chosen((lower_link == 0) & on_hand),
+        base=chosen((lower_link == BASE) & ~on_hand),
+        base_hand=chosen((lower_link == BASE) & on_hand),
+        fixed=fixed,
+        is_base=link[fixed] == BASE,
+        position=places,
+        rotation=turns,
+        last=np.flatnonzero(link == last),
+    )
 
 
 @njit(cache=True, inline="always")

@@ -25,7 +25,19 @@ from irm.kernel_arguments import pointer_to
 from irm.kinematics import arm_jacobian, condition, fk_frames
 from irm.rotations import wrap_to_pi
 from irm.self_contact import CLEARANCE
-from irm.shapes import Placed, Shapes, any_near, for_every_roll, lower_base, make_placed, place_shapes
+from irm.shapes import (
+    ARM,
+    ARM_BASE,
+    HAND_BASE,
+    HAND_TORSO,
+    Placed,
+    Shapes,
+    any_near,
+    for_every_roll,
+    lower_base,
+    make_placed,
+    place_shapes,
+)
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -120,18 +132,18 @@ def _fill_cell(scan: _Scan, profile: _Profile, order: Integers, mirror: int, tur
         if not reached:
             # The gripper's pose is the same for all remaining solutions.
             reached = True
-            if any_near(shapes, placed, 0, CLEARANCE):
+            if any_near(shapes, placed, HAND_TORSO, CLEARANCE):
                 return True
             for t in range(best.shape[0]):
                 lower_base(shapes, placed, scan.torsos[t])
-                if any_near(shapes, placed, 2, CLEARANCE):
+                if any_near(shapes, placed, HAND_BASE, CLEARANCE):
                     best[t] = -1.0
                     left -= 1
-        if left > 0 and not any_near(shapes, placed, 1, CLEARANCE):
+        if left > 0 and not any_near(shapes, placed, ARM, CLEARANCE):
             for t in range(best.shape[0]):
                 if best[t] == 0.0:
                     lower_base(shapes, placed, scan.torsos[t])
-                    if not any_near(shapes, placed, 3, CLEARANCE):
+                    if not any_near(shapes, placed, ARM_BASE, CLEARANCE):
                         best[t] = profile.mu[k]
                         left -= 1
         if left == 0:

@@ -52,6 +52,8 @@ class Placed(NamedTuple):
     simplex: Array
 
 
+HAND_TORSO, ARM, HAND_BASE, ARM_BASE = range(4)
+"""Groups of pairs, see `Shapes.groups`. The hand is the last link."""
 NO_SHAPES = Shapes(
     *(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0, np.int64), np.zeros((0, 3))),
     *(np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(1, np.int64)),
@@ -179,6 +181,6 @@ def is_free(shapes: Shapes, placed: Placed, R: Array, p: Array) -> bool:
     """Whether a configuration with these frames of the links, as in `place_shapes`, is free of self-collision."""
     place_shapes(shapes, placed, R, p)
     touches = False
-    for group in range(4):
+    for group in (HAND_TORSO, ARM, HAND_BASE, ARM_BASE):
         touches = touches or any_near(shapes, placed, group, CLEARANCE)
     return not touches

@@ -38,7 +38,7 @@ class Arguments:
     policies: tuple[str, ...] = ("lookahead",)
     """Names of policies; the help of `clutter-env evaluate` lists them."""
     files: tuple[Path, ...] = ()
-    """Results files of `clutter-env evaluate`, whose scores are tabled too as they stand there; see `verify`."""
+    """Results files of `clutter-env evaluate`, whose scores are added unchecked. `clutter-env verify` confirms them."""
     scenes: int | None = None
     """Number of scenes of each environment (50 if not given) and suite (all if not given)."""
     feasibility: Literal["oracle", "none"] = "oracle"
@@ -92,7 +92,7 @@ def play(arguments: Arguments) -> list[Row]:
 
     if not arguments.suites and not arguments.envs:
         raise LearningError("name scenes: --suites, or --envs with --obstructed and --scenes; or --files of results")
-    obstructed = True if arguments.obstructed == 1 else arguments.obstructed or False
+    obstructed = {0: False, 1: True}.get(arguments.obstructed, arguments.obstructed)
     count = 50 if arguments.scenes is None else arguments.scenes
     sets = [SceneSet(name, arguments.split, count=arguments.scenes) for name in arguments.suites]
     sets += [SceneSet(env_id=name, obstructed=obstructed, count=count) for name in arguments.envs]

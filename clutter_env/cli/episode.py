@@ -31,7 +31,8 @@ def run(arguments: Arguments) -> None:
         print(f"building the reachability map, once; it is kept in {cache_folder()}", flush=True)
         cached_map(robot, progress=progress_bar, **map_parameters(robot))
     arguments.out.mkdir(parents=True, exist_ok=True)
-    show = show_search if arguments.task == "search" else show_one if arguments.episodes == 1 else count_many
+    shows_retrieve = show_one if arguments.episodes == 1 else count_many
+    show = show_search if arguments.task == "search" else shows_retrieve
     figures = show(arguments)
     for path in filter(None, (arguments.out / "report.json", arguments.json)):
         write_json(path, figures)

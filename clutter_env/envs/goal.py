@@ -24,28 +24,29 @@ if TYPE_CHECKING:
     from planners.goals import Goal
 
 GOAL_TOLERANCE = 0.05
-"""[m] Distance within which the goal is reached."""
-_STANDING, _PLACE_TOLERANCE = 0.02, 0.04
-"""[m] Goals no higher than this above a standing object are places on the table. Horizontal tolerance of these places.
-Both errors together are within `GOAL_TOLERANCE`."""
+"""Distance [m] within which the goal is reached."""
+_STANDING = 0.02
+"""Height [m] above a standing object up to which a goal is a place on the table."""
+_PLACE_TOLERANCE = 0.04
+"""Horizontal tolerance [m] of such a place. With an error in height of `_STANDING` it is within `GOAL_TOLERANCE`."""
 GOAL_BOUND = 16.0
-"""[m] Bound of goals in the world frame, far outside the ground that the base may use."""
+"""Bound [m] of goals in the world frame, far outside the ground that the base may use."""
 
 REACH_LOW, REACH_HIGH = (0.50, -0.40, 0.85), (0.95, 0.40, 1.30)
-"""[m] Box of the Reach goals in the frame of the base at the start: within the arm's reach, above the table."""
+"""Box [m] of the Reach goals in the frame of the base at the start: within the arm's reach, above the table."""
 
 PICK_X = (-0.25, 0.05)
-"""[m] Range of x of the object to pick, from the table's centre. The rest of the table is beyond the arm's reach."""
+"""Range [m] of x of the object to pick, from the table's centre. The rest of the table is beyond the arm's reach."""
 PICK_DISTANCE = (0.70, 0.85)
-"""[m] ahead of the base."""
+"""Range [m] of its distance ahead of the base."""
 PICK_SIDE = 0.15
-"""[m] to the side of the base at most."""
+"""Largest distance [m] to the side of the base."""
 PICK_YAW = 0.2
-"""[rad] of the base at most."""
+"""Largest yaw [rad] of the base."""
 GOAL_OFFSET = 0.15
-"""[m] of a Pick goal from the object's start along x and y at most."""
+"""Largest distance [m] of a Pick goal from the object's start, along x and along y."""
 GOAL_LIFT = 0.25
-"""[m] Largest height of a Pick goal above the object's start. Half of the goals are on the table."""
+"""Largest height [m] of a Pick goal above the object's start. Half of the goals are on the table."""
 
 
 class GoalEnv(BaseEnv):
@@ -179,7 +180,7 @@ class PickEnv(GoalEnv):
         Raises:
             ActionError: the environment has not been reset.
         """
-        # Who does not plan does without the planner, which takes longer to import than all else here.
+        # Imported here, because it takes long and only planning needs it.
         from planners.goals import at, holding
         from planners.scene import Scene
 

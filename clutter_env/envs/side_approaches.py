@@ -42,7 +42,7 @@ def approaches_of(robot: RobotSpec, layout: Layout) -> SideApproaches:
     once. On a layout of the user's own, all directions that `SideApproaches.is_reachable` accepts are used.
     """
     is_of_package = not Path(robot.mjcf).is_absolute() and robot.full_name in robots_with_approaches()
-    return side_approaches(robot.full_name) if is_of_package else _made(robot, layout)
+    return side_approaches(robot.full_name) if is_of_package else _computed(robot, layout)
 
 
 def reachable_yaws(
@@ -65,7 +65,7 @@ def cell_centres(layout: Layout) -> tuple[NDArray[np.float64], NDArray[np.float6
 
 
 @cache
-def _made(robot: RobotSpec, layout: Layout) -> SideApproaches:
+def _computed(robot: RobotSpec, layout: Layout) -> SideApproaches:
     from planners import SideGripper  # see `reachable_yaws`
 
     gripper = SideGripper.of(robot)
@@ -75,11 +75,11 @@ def _made(robot: RobotSpec, layout: Layout) -> SideApproaches:
         grasp_height=robot.grasp_height,
         palm_reach=gripper.palm_reach,
         pad_half_height=gripper.pad_half_height,
-        reachable={layout.name: _kept(robot, layout)} if LAYOUTS.get(layout.name) == layout else {},
+        reachable={layout.name: _reachable_cached(robot, layout)} if LAYOUTS.get(layout.name) == layout else {},
     )
 
 
-def _kept(robot: RobotSpec, layout: Layout) -> NDArray[np.bool_]:
+def _reachable_cached(robot: RobotSpec, layout: Layout) -> NDArray[np.bool_]:
     """Whether grasps are reached by cell and yaw (nx, ny, yaws), from the user's cache if it was computed before."""
     from irm import cache_folder  # see `reachable_yaws`
 

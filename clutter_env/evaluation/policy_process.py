@@ -24,7 +24,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import replace
 from importlib.abc import MetaPathFinder
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -45,6 +45,25 @@ _MOST_BYTES = 2**26
 _MOST_NUMBERS = 10_000
 """Of an action; the largest robot has 19."""
 _LENGTH = struct.Struct("!Q")
+
+
+class _Answer(NamedTuple):
+    """The content of an answer: a value, or the text of a refusal or of a crash."""
+
+    value: Any = None
+    done: bool = False
+    failure: str = ""
+    refusal: str | None = None
+    crash: str | None = None
+
+    @classmethod
+    def of(cls, content: Any) -> _Answer:
+        """Read an answer. Raises `KeyError` or `TypeError` for anything else."""
+        if "refusal" in content:
+            return cls(refusal=str(content["refusal"]))
+        if "crash" in content:
+            return cls(crash=str(content["crash"]))
+        return cls(content["value"], bool(content["done"]), str(content["failure"]))
 
 
 class PolicyProcess:
@@ -105,7 +124,7 @@ class PolicyProcess:
         It is told this scene alone: of the others, and of the file in which they stand, it learns nothing by it.
         """
         started = time.perf_counter()
-        answer = self._ask("play", _told(scene))
+        answer = self._ask("play", _picklable(scene))
         try:
             return Recording.from_json({**answer, "wall_s": time.perf_counter() - started})
         except (LearningError, TypeError) as problem:
@@ -145,22 +164,20 @@ class PolicyProcess:
         self._deadline = time.monotonic() + ANSWER_LIMIT
         try:
             _send(self._process.stdin, pickle.dumps((call, argument)))
-            answer = json.loads(_receive(self._process.stdout))
-            if "refusal" in answer:
-                self.close()
-                raise PolicyError(str(answer["refusal"]))
-            if "crash" in answer:
-                raise self._crash(str(answer["crash"]))
-            self.done, self.failure = bool(answer["done"]), str(answer["failure"])
-            return answer["value"]
+            answer = _Answer.of(json.loads(_receive(self._process.stdout)))
         except (OSError, EOFError):
             raise self._crash(self._how_it_ended()) from None
         except (ValueError, KeyError, TypeError, RecursionError) as problem:
-            if isinstance(problem, PolicyError):
-                raise
             raise self._crash(f"the policy's process answered with something else than an answer: {problem}") from None
         finally:
             self._deadline = math.inf
+        if answer.refusal is not None:
+            self.close()
+            raise PolicyError(answer.refusal)
+        if answer.crash is not None:
+            raise self._crash(answer.crash)
+        self.done, self.failure = answer.done, answer.failure
+        return answer.value
 
     def _crash(self, text: str) -> PolicyCrashed:
         self.close()
@@ -206,7 +223,7 @@ def serve() -> None:
             _end_own_group()
 
 
-def _told(scene: Scene) -> Scene:
+def _picklable(scene: Scene) -> Scene:
     """The scene with plain dictionaries, which can be pickled."""
     plain: dict[str, Any] = {name: dict(value) for name, value in vars(scene).items() if isinstance(value, Mapping)}
     return replace(scene, **plain)
@@ -307,7 +324,9 @@ class _Host:
         played = scene_for(scene, self._traits.acts_by_skills, self._feasibility)
         if self._env is None or self._env_of != (played.env_id, played.keywords):
             self._env, self._env_of = played.make(**self._traits.env_keywords), (played.env_id, played.keywords)
-        with _announced_compilation() if self._traits.acts_by_skills else nullcontext():  # planners announce their own
+        # Planners announce their own compilation.
+        announced = _announced_compilation() if self._traits.acts_by_skills else nullcontext()
+        with announced:
             return Recording.of(scene, self._env, play_scene(played, self._env, self._policy))
 
 

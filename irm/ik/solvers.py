@@ -44,28 +44,41 @@ from irm.kernel_arguments import call_at, kernel_address, layout_of, leaf_kernel
 from irm.kinematics import arm_jacobian, condition, fk_frames
 from irm.rotations import as_poses
 from irm.self_contact import CLEARANCE
-from irm.shapes import Placed, Shapes, any_near, is_free, make_placed, place_shapes
+from irm.shapes import (
+    ARM,
+    ARM_BASE,
+    HAND_BASE,
+    HAND_TORSO,
+    Placed,
+    Shapes,
+    any_near,
+    is_free,
+    make_placed,
+    place_shapes,
+)
 
 Floats = NDArray[np.float64]
 _ROUNDING = 1e-9
 """[m] Lengths that differ by less are equal."""
-SEEDS, LIFT_SEEDS = 60, 180
-"""Random configurations for arms without a closed form, and for poses that it leaves UNKNOWN: without and with a
-lift."""
-FIRST_SEEDS = 20
+SEEDS = 60
+"""Random configurations for arms without a closed form, and for poses that it leaves UNKNOWN."""
+SEEDS_WITH_LIFT = 180
+"""The same for arms with a lift."""
+SEEDS_BEFORE_PROOF = 20
 """Starting configurations of an arm without a closed form before a proof of NO is tried."""
 _UPPER_ARM_ROLL, _ELBOW_FLEX = 3, 4
 """Joints of `irm.ik.closed_form`: the free joint and the elbow."""
-_SEEDS = 200
+_STORED = 200
 """Stored starting configurations of an arm without a closed form."""
 FREE_SEARCHES = ((0.05, 24), (0.015, 144))
 """Steps of the lift [m] and numbers of angles of the free joint in the searches for a configuration free of
 self-collision."""
 _PLACE_ERROR = 1e-4
 """[m] Exceeds the errors of the gripper's place and of a distance between two shapes."""
-NARROW, FREE_SEEDS = 0.03, 40
-"""Share of heights and angles that reach a pose, below which the grid may miss most configurations near limits. The
-pose is then solved from `FREE_SEEDS` random configurations too."""
+NARROW = 0.03
+"""Share of heights and angles that reach a pose, below which the grid may miss most configurations near limits."""
+SEEDS_IF_NARROW = 40
+"""Random configurations that such a pose is solved from, too."""
 IMPROVING_ANGLES = 72
 """Angles of the free joint compared for the best μ."""
 _EXACT = 1e-8
@@ -120,7 +133,8 @@ class ExactSolver:
         rows = rows[~self._is_free.of(q[rows])]
         if not len(rows):
             return status, q
-        status[rows], reached = UNKNOWN, np.ones(len(status))
+        status[rows] = UNKNOWN
+        share_reached = np.ones(len(status))
         low, high = self.torso_range
         for step, count in FREE_SEARCHES:
             torsos = np.linspace(low, high, int(np.ceil((high - low) / step - _ROUNDING)) + 1)
@@ -128,13 +142,13 @@ class ExactSolver:
             for n in rows[status[rows] == UNKNOWN]:
                 R, p = T[n, :3, :3].copy(), T[n, :3, 3].copy()
                 nearest = np.argsort(np.abs(torsos - q[n, 0]), kind="stable")
-                status[n], reached[n] = _find_free(
+                status[n], count_reached = _find_free(
                     self._arrays, *self._is_free.memory, R, p, torsos[nearest], angles, q[n]
                 )
-                reached[n] /= len(torsos) * len(angles)
-        for n in rows[(status[rows] == UNKNOWN) & (reached[rows] < NARROW)]:
+                share_reached[n] = count_reached / (len(torsos) * len(angles))
+        for n in rows[(status[rows] == UNKNOWN) & (share_reached[rows] < NARROW)]:
             R, p = T[n, :3, :3].copy(), T[n, :3, 3].copy()
-            seeds = self._seeds[:FREE_SEEDS]
+            seeds = self._seeds[:SEEDS_IF_NARROW]
             if _find_free_from(self._arrays.chain, *self._is_free.memory, R, p, low, high, seeds, q[n]):
                 status[n] = YES
         q[status != YES] = np.nan
@@ -172,8 +186,8 @@ class ExactSolver:
         status[are_out_of_reach(self.chain, self.torso_range, T)] = NO
         seeds = self._seeds
         if self.is_iterative:  # the first seeds reach most poses, faster than the search
-            _solve_from_seeds(self._arrays.chain, T, seeds[:FIRST_SEEDS], low, high, status, q)
-            seeds = seeds[FIRST_SEEDS:]
+            _solve_from_seeds(self._arrays.chain, T, seeds[:SEEDS_BEFORE_PROOF], low, high, status, q)
+            seeds = seeds[SEEDS_BEFORE_PROOF:]
         if self._arrays.bounds.axes.any() or self._arrays.parallel.axes.any():
             _search_poses(self._arrays, T, low, high, status, q)
         if np.any(status == UNKNOWN):
@@ -184,7 +198,7 @@ class ExactSolver:
     def _seeds(self) -> Floats:
         """(m, 1 + n) random starting configurations for poses that are still UNKNOWN."""
         (low, high), rng = self.torso_range, np.random.default_rng(0)
-        seeds = random_seeds(self.chain, SEEDS if low == high else LIFT_SEEDS, low, rng)
+        seeds = random_seeds(self.chain, SEEDS if low == high else SEEDS_WITH_LIFT, low, rng)
         seeds[:, 0] = rng.uniform(low, high, len(seeds))
         return seeds
 
@@ -267,7 +281,7 @@ def _solver_without_address(chain: ArmChain) -> SolverArrays:
         return SolverArrays(SPHERICAL, arrays, structure, bounds, _NO_PARALLELS, none, free, elbow)
     if structure is not None:
         return SolverArrays(PARALLEL, arrays, _NO_SPHERE, _NO_SPHERE, structure, none, -1, 3)
-    seeds, bounds = random_seeds(chain, _SEEDS, 0.0, np.random.default_rng(0)), find_bounds(chain) or _NO_SPHERE
+    seeds, bounds = random_seeds(chain, _STORED, 0.0, np.random.default_rng(0)), find_bounds(chain) or _NO_SPHERE
     return SolverArrays(ITERATIVE, arrays, _NO_SPHERE, bounds, _NO_PARALLELS, seeds, -1, chain.size // 2)
 
 
@@ -388,11 +402,11 @@ def _find_free(
                 fk_frames(arm.chain.offsets, arm.chain.axes, arm.chain.tip, found[k], frames, origins)
                 place_shapes(shapes, placed, frames, origins)
                 # The gripper's place relative to the torso is the same for all solutions at this height.
-                gripper_is_free = gripper_is_free or not any_near(shapes, placed, 0, CLEARANCE)
+                gripper_is_free = gripper_is_free or not any_near(shapes, placed, HAND_TORSO, CLEARANCE)
                 if not gripper_is_free:
                     reached += angles.size
                     break
-                if not (any_near(shapes, placed, 1, CLEARANCE) or any_near(shapes, placed, 3, CLEARANCE)):
+                if not (any_near(shapes, placed, ARM, CLEARANCE) or any_near(shapes, placed, ARM_BASE, CLEARANCE)):
                     q[:] = found[k]
                     return YES, reached
             else:
@@ -457,13 +471,13 @@ def _is_gripper_blocked(shapes: Shapes, placed: Placed, R: Floats, p: Floats, lo
     and torso stay closer than half the step. The frames belong to a configuration that reaches the pose up to an error.
     """
     place_shapes(shapes, placed, R, p)
-    if any_near(shapes, placed, 2, CLEARANCE - _PLACE_ERROR):
+    if any_near(shapes, placed, HAND_BASE, CLEARANCE - _PLACE_ERROR):
         return True
     steps = ceil((high - low) / (2.0 * (CLEARANCE - _PLACE_ERROR)))
     start = p[0, 2] + low
     for k in range(steps + 1):
         p[0, 2] = start + (high - low) * k / max(1, steps)
         place_shapes(shapes, placed, R, p)
-        if not any_near(shapes, placed, 0, 0.0):
+        if not any_near(shapes, placed, HAND_TORSO, 0.0):
             return False
     return True

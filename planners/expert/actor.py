@@ -57,7 +57,7 @@ class Actor:
     """Runs the steps of an agenda: `decide` goes on to the next motion, `command` continues it.
 
     An expert with immediate observations decides right after a motion's last command. An expert that must wait for its
-    next observation decides before the command after it.
+    next observation decides one control step later.
 
     Attributes:
         motion: the present motion. None at the end.
