@@ -26,7 +26,7 @@ from clutter_env.policies.reinforcement import ModelPolicy
 from clutter_env.seeds import HELD_OUT
 from clutter_env.task import Task
 
-SEED, STEPS = (*map(int, sys.argv[1:]), *(0, 80_000)[len(sys.argv) - 1 :])
+SEED, STEPS = (*map(int, sys.argv[1:]), *(0, 100_000)[len(sys.argv) - 1 :])
 WATCHED, MEASURED = range(HELD_OUT, HELD_OUT + 20), range(HELD_OUT + 10_000, HELD_OUT + 10_100)
 """Seeds of held-out scenes: played on the way, and at the end alone."""
 LENGTHS = ("tcp_position", "width", "commanded_width", "object_position", "tcp_to_object", "half_extents")

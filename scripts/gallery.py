@@ -60,8 +60,10 @@ class Entry(NamedTuple):
 
 ENTRIES: tuple[Entry, ...] = (
     Entry("retrieve", "clutter_env/Retrieve-o15-v0", {"obstructed": True}, shows_hand=True),
-    Entry("pr2", "clutter_env/Retrieve-o15-v0", {"obstructed": True, "robot": "pr2"}, shows_hand=True),
-    Entry("panda", "clutter_env/Retrieve-o15-v0", {"obstructed": True, "robot": "panda_mobile"}, shows_hand=True),
+    Entry("pr2", "clutter_env/Retrieve-o15-v0", {"obstructed": True, "robot": "pr2"}, seed=2, shows_hand=True),
+    Entry(
+        "panda", "clutter_env/Retrieve-o15-v0", {"obstructed": True, "robot": "panda_mobile"}, seed=2, shows_hand=True
+    ),
     Entry("household", "clutter_env/Retrieve-o15-v0", {"object_set": "household"}, "lookahead-all", shows_hand=True),
     Entry("failure", "clutter_env/Retrieve-o15-v0", {"obstructed": True}, "direct-approach", shows_hand=True),
     Entry("shelf", "clutter_env/Retrieve-o10-v0", {"layout": "shelf"}, "lookahead-all"),
@@ -71,8 +73,8 @@ ENTRIES: tuple[Entry, ...] = (
     Entry("skill", "clutter_env/Skill-o10-v0", {"obstructed": True}, "greedy"),
     Entry("reach", "clutter_env/Reach-v0", {}, "reach", steps_per_frame=1),
     Entry("pick", "clutter_env/Pick-v0", {}, "pick", steps_per_frame=1),
-    Entry("arm_pick", "clutter_env/ArmPick-v0", {}, "armpick", steps_per_frame=1),
-    Entry("arm_retrieve", "clutter_env/ArmRetrieve-o3-v0", {}, "armretrieve", steps_per_frame=2),
+    Entry("arm_pick", "clutter_env/ArmPick-v0", {}, "armpick", steps_per_frame=1, shows_hand=True),
+    Entry("arm_retrieve", "clutter_env/ArmRetrieve-o3-v0", {}, "armretrieve", steps_per_frame=2, shows_hand=True),
     Entry("search", "clutter_env/Search-o10-v0", {}, "examples.search_expert:Searches", steps_per_frame=10),
     Entry("rgbd", "clutter_env/Retrieve-o15-v0", {"obs_mode": "rgbd", "image_size": 192}),
 )
