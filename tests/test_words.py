@@ -51,3 +51,16 @@ def test_sentences_of_pages_leave_out_code_and_tables(tmp_path: Path) -> None:
     page.write_text("# Title; no\n\nFirst one. Second one.\n\n```sh\nls; ls\n```\n\n| a; b |\n|---|\n")
     assert [sentence.text for sentence in sentences([page])] == ["First one.", "Second one."]
     assert "long" not in PATTERNS
+
+
+def test_every_item_of_a_list_is_a_sentence_of_its_own(tmp_path: Path) -> None:
+    """Short items were joined and counted as one long sentence, and an item that begins with a question was not seen."""
+    page = tmp_path / "page.md"
+    page.write_text("The steps:\n\n- One of\n  two lines.\n- What follows. `b` ends.\n1. Last\n")
+    assert [(sentence.text, sentence.is_first) for sentence in sentences([page])] == [
+        ("The steps:", True),
+        ("One of two lines.", True),
+        ("What follows.", True),
+        ("`b` ends.", False),
+        ("Last", True),
+    ]
