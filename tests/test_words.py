@@ -54,7 +54,7 @@ def test_sentences_of_pages_leave_out_code_and_tables(tmp_path: Path) -> None:
 
 
 def test_every_item_of_a_list_is_a_sentence_of_its_own(tmp_path: Path) -> None:
-    """Short items were joined and counted as one long sentence, and an item that begins with a question was not seen."""
+    """Short items were joined and counted as one long sentence. Items that begin with a question were not marked."""
     page = tmp_path / "page.md"
     page.write_text("The steps:\n\n- One of\n  two lines.\n- What follows. `b` ends.\n1. Last\n")
     assert [(sentence.text, sentence.is_first) for sentence in sentences([page])] == [
