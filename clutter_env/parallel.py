@@ -1,8 +1,8 @@
 """Jobs in parallel, in processes of this machine (loky) or on many machines (Ray).
 
 If a process dies, loky raises an exception where `multiprocessing.Pool` waits for ever. Its processes can also be ended
-at any time. Each of our workers is an executor of its own with one process, so that a job that dies or is ended takes
-no other job with it.
+at any time. Each of our workers is an executor of its own with one process. So a job that dies or is ended takes no
+other job with it.
 """
 
 from __future__ import annotations

@@ -58,13 +58,13 @@ class RearrangeConfig(EnvConfig):
 
     num_objects: int = 8
     layout: Any = ""
-    """Table and surroundings, as in `EnvConfig`; that of the task if not given."""
+    """Table and surroundings, as in `EnvConfig`. Those of the task if not given."""
     object_set: str = ""
-    """Sizes and masses of random objects; those of the task if not given."""
+    """Sizes and masses of random objects. Those of the task if not given."""
     shapes: str = ""
-    """Shapes of the objects; those of the task if not given."""
+    """Shapes of the objects. Those of the task if not given."""
     task: str = "sort"
-    """What is to be done: a name in `TASKS`."""
+    """Name of the task, in `TASKS`."""
 
     def __post_init__(self) -> None:
         check_choice("task", self.task, TASKS)

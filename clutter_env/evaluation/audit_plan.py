@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class AuditPlan:
-    """Size of an audit."""
+    """Settings of an audit."""
 
     expert: str = "lookahead-all"
     """The policy that demonstrates, and with whose success the others are compared."""
