@@ -76,7 +76,7 @@ def run_jobs(
 ) -> Generator[tuple[J, R | Crash | Killed], None, None]:
     """Apply a function to jobs, `workers` at a time. Yield pairs of job and result in the order in which jobs end.
 
-    The next job is taken from the iterable only when a worker is free and all results so far have been yielded, so jobs
+    The next job is taken from the iterable only when a worker is free and all results so far have been yielded. So jobs
     may depend on results. If the iterable yields None, it has no job at present. It is asked again after the next
     result, and the iteration ends if nothing is running.
 

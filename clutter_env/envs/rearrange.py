@@ -128,9 +128,9 @@ class RearrangeEnv(ClutterTaskEnv):
     goal that do not hold). `lifted` says that the goal holds, whatever else has happened. `target` is "".
 
     The goal is reached when it has held for 0.5 s while the robot touches no object that the goal places. With
-    `success="clean"` every object that had to move was carried, nothing may have toppled or travelled other than in the
-    air, in the gripper, and the robot may not have pressed hard on the furniture, see `success`.
-    The episode ends with success, or when an object of the goal has fallen off all supports.
+    `success="clean"` every object that had to move was carried. Nothing may have toppled, or travelled other than in
+    the air, in the gripper. The robot may not have pressed hard on the furniture, see `success`. The episode ends with
+    success, or when an object of the goal has fallen off all supports.
 
     Example:
         >>> import gymnasium as gym, clutter_env

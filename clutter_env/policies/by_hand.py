@@ -236,7 +236,7 @@ class Human:
 
     @property
     def report_values(self) -> Mapping[str, Any]:
-        """Who played."""
+        """Name of the player."""
         return {"played_by": "a person"}
 
     def act(self, observation: Any) -> NDArray[Any]:  # noqa: ARG002  part of the protocol
