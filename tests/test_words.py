@@ -10,22 +10,24 @@ from scripts.house import PATTERNS, Sentence, files_of, marked, sentences, words
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST_MARKS = {
-    "assets": 3.0,
-    "irm": 3.0,
+    "assets": 2.0,
+    "irm": 2.5,
     "planners": 4.0,
-    "clutter_env": 9.0,
-    "scripts": 23.0,
-    "README.md": 10.0,
-    "docs/tutorials": 6.0,
-    "docs/environments": 8.5,
-    "docs/guides": 14.0,
+    "clutter_env": 3.0,
+    "scripts": 20.5,
+    "README.md": 6.5,
+    "docs/*.md": 3.5,
+    "docs/tutorials": 3.0,
+    "docs/environments": 3.5,
+    "docs/guides": 5.0,
 }
 """Marks per 1,000 words. Lower a limit when the words of a folder have become plainer; never raise one."""
 
 
 @pytest.mark.parametrize("folder", MOST_MARKS)
 def test_words_get_no_harder_to_read(folder: str) -> None:
-    assert words(files_of(folder))["all marks, per 1,000 words"] <= MOST_MARKS[folder], (
+    files = sorted(ROOT.glob(folder)) if "*" in folder else files_of(folder)
+    assert words(files)["all marks, per 1,000 words"] <= MOST_MARKS[folder], (
         f"python scripts/house.py --marks {folder} prints the sentences"
     )
 
