@@ -16,10 +16,10 @@ MOST_MARKS = {
     "clutter_env": 3.0,
     "scripts": 20.5,
     "README.md": 6.5,
-    "docs/*.md": 3.5,
+    "docs/*.md": 2.5,
     "docs/tutorials": 3.0,
-    "docs/environments": 3.5,
-    "docs/guides": 5.0,
+    "docs/environments": 2.0,
+    "docs/guides": 4.0,
 }
 """Marks per 1,000 words. Lower a limit when the words of a folder have become plainer; never raise one."""
 
