@@ -67,8 +67,8 @@ class EnvConfig:
     object_set: str = "standard"
     """Sizes and masses of random objects: a name in `OBJECT_SETS`."""
     obstructed: bool | int = False
-    """Whether the target is one that no side grasp reaches without moving something; 2 or 3: at least so many objects
-    are in the way of every side grasp. By `scene.obstruction`, which needs no planner."""
+    """Whether no side grasp reaches the target before another object moves. 2 or 3: at least so many objects are in the
+    way of every side grasp. By `scene.obstruction`, which needs no planner."""
     camera: str = "scene"
     """The camera that `render()` looks through."""
     width: int = 480
@@ -78,7 +78,7 @@ class EnvConfig:
     image_size: int = 96
     """Pixels along each side of the images of an "rgbd" observation, or of those from which a "pointcloud" is made."""
     cameras: Sequence[str] = ()
-    """The cameras of image observations; none named: all of the robot's own. "top" is above the table."""
+    """The cameras of image observations. All of the robot's own if none is named. "top" is above the table."""
     segmentation: bool = False
     """Whether image observations say of every pixel or point what it shows."""
     num_points: int = 2048
@@ -87,8 +87,9 @@ class EnvConfig:
     """Whether an action has two numbers more, at its end, for the head: "commanded" or "fixed"."""
 
     base: str = "holonomic"
-    """How the base moves: "differential" cannot move sideways, and an action has no number for it; "fixed" stands where
-    the arm can work, and an action has no numbers for it. A `RobotSpec` that is not holonomic says so itself."""
+    """How the base moves: "differential" cannot move sideways, and an action has no number for that. "fixed" stands
+    where the arm can work, and an action has no numbers for the base. A `RobotSpec` that is not holonomic says so
+    itself."""
     reality: float | Mapping[str, float] = 0.0
     """From 0, exact and at once, to 1: share of all `EFFECTS`, or of some by name."""
 

@@ -1,8 +1,8 @@
 """Jobs in parallel, in processes of this machine (loky) or on many machines (Ray).
 
 If a process dies, loky raises an exception where `multiprocessing.Pool` waits for ever. Its processes can also be ended
-at any time. Each of our workers is an executor of its own with one process, so that a job that dies or is ended takes
-no other job with it.
+at any time. Each of our workers is an executor of its own with one process. So a job that dies or is ended takes no
+other job with it.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def run_jobs(
 ) -> Generator[tuple[J, R | Crash | Killed], None, None]:
     """Apply a function to jobs, `workers` at a time. Yield pairs of job and result in the order in which jobs end.
 
-    The next job is taken from the iterable only when a worker is free and all results so far have been yielded, so jobs
+    The next job is taken from the iterable only when a worker is free and all results so far have been yielded. So jobs
     may depend on results. If the iterable yields None, it has no job at present. It is asked again after the next
     result, and the iteration ends if nothing is running.
 

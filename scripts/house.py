@@ -47,6 +47,9 @@ PATTERNS = {
 }
 """What readers stumbled over; matched in sentences, without regard to case but for the first one."""
 
+ITEM = r"^\s*(?:[-*]|\d+\.) +"
+"""The mark before an item of a list."""
+
 
 class Sentence(NamedTuple):
     """A sentence, and where its docstring or paragraph begins."""
@@ -182,8 +185,9 @@ def sentences(files: list[Path]) -> Iterator[Sentence]:
     for file in files:
         texts = prose_of_page(file) if file.suffix == ".md" else docstrings_of(file)
         for line, text in texts:
-            parts = re.split(r"(?<=[.!?])\s+(?=[A-Z`(])", " ".join(text.split()))
-            yield from (Sentence(file, line, part, at == 0) for at, part in enumerate(parts) if part)
+            for item in re.split(ITEM, text, flags=re.MULTILINE):
+                parts = re.split(r"(?<=[.!?])\s+(?=[A-Z`(])", " ".join(item.split()))
+                yield from (Sentence(file, line, part, at == 0) for at, part in enumerate(parts) if part)
 
 
 def docstrings_of(file: Path) -> Iterator[tuple[int, str]]:

@@ -10,22 +10,24 @@ from scripts.house import PATTERNS, Sentence, files_of, marked, sentences, words
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST_MARKS = {
-    "assets": 3.0,
-    "irm": 3.0,
+    "assets": 2.0,
+    "irm": 2.5,
     "planners": 4.0,
-    "clutter_env": 9.0,
-    "scripts": 23.0,
-    "README.md": 10.0,
-    "docs/tutorials": 6.0,
-    "docs/environments": 8.5,
-    "docs/guides": 14.0,
+    "clutter_env": 3.0,
+    "scripts": 20.5,
+    "README.md": 6.5,
+    "docs/*.md": 2.5,
+    "docs/tutorials": 3.0,
+    "docs/environments": 2.0,
+    "docs/guides": 4.0,
 }
 """Marks per 1,000 words. Lower a limit when the words of a folder have become plainer; never raise one."""
 
 
 @pytest.mark.parametrize("folder", MOST_MARKS)
 def test_words_get_no_harder_to_read(folder: str) -> None:
-    assert words(files_of(folder))["all marks, per 1,000 words"] <= MOST_MARKS[folder], (
+    files = sorted(ROOT.glob(folder)) if "*" in folder else files_of(folder)
+    assert words(files)["all marks, per 1,000 words"] <= MOST_MARKS[folder], (
         f"python scripts/house.py --marks {folder} prints the sentences"
     )
 
@@ -51,3 +53,16 @@ def test_sentences_of_pages_leave_out_code_and_tables(tmp_path: Path) -> None:
     page.write_text("# Title; no\n\nFirst one. Second one.\n\n```sh\nls; ls\n```\n\n| a; b |\n|---|\n")
     assert [sentence.text for sentence in sentences([page])] == ["First one.", "Second one."]
     assert "long" not in PATTERNS
+
+
+def test_every_item_of_a_list_is_a_sentence_of_its_own(tmp_path: Path) -> None:
+    """Short items were joined and counted as one long sentence. Items that begin with a question were not marked."""
+    page = tmp_path / "page.md"
+    page.write_text("The steps:\n\n- One of\n  two lines.\n- What follows. `b` ends.\n1. Last\n")
+    assert [(sentence.text, sentence.is_first) for sentence in sentences([page])] == [
+        ("The steps:", True),
+        ("One of two lines.", True),
+        ("What follows.", True),
+        ("`b` ends.", False),
+        ("Last", True),
+    ]

@@ -1,1 +1,2 @@
-"""Other people's environments, solved by the planner and scored by their own check; ours, as LeRobot sees them."""
+"""Other people's environments, solved by the planner and scored by their own check. Also our environments for
+LeRobot."""

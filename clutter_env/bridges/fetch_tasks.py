@@ -7,7 +7,7 @@
         task.world.step(expert.act())
     print(task.finish())
 
-The action moves the gripper, which always points down; how the arm follows is not ours to say. So only the positions of
+The action moves the gripper, which always points down. It does not decide how the arm follows. So only the positions of
 the TCP are played, and the arm counts as where it was commanded: `act` takes steps until the gripper is there.
 """
 
@@ -51,7 +51,7 @@ class FetchTask:
     """One episode: a `Controller`, and the world in which the expert plans.
 
     Attributes:
-        world: for `TampExpert`; its goal is that of the episode.
+        world: for `TampExpert`, with the goal of the episode.
         dt: [s] of the plan in one `act`, which is several steps of 0.04 s: the episode has 50.
         done: the episode is over.
         is_solved: what the environment's own check said after the last step.
@@ -124,14 +124,15 @@ class FetchTask:
         self.done, self.is_solved = terminated or truncated, bool(info["is_success"])
 
     def finish(self) -> bool:
-        """Stay until the episode is over; what its own check says at its last step."""
+        """Stay until the episode is over, and return the result of its own check at the last step."""
         while not self.done:
             self._step(np.array([0.0, 0.0, 0.0, self._grip]))
         return self.is_solved
 
 
 def reach(seed: int, id: str = "FetchReach-v4") -> bool:
-    """Whether an episode of FetchReach ends with success; it has no objects: its gripper goes straight to the goal."""
+    """Whether an episode of FetchReach ends with success. It has no objects, so the gripper goes straight to the
+    goal."""
     env = make(id)
     observation, _ = env.reset(seed=seed)
     is_over, info = False, {"is_success": False}

@@ -1,4 +1,4 @@
-"""`Retrieve` among KinDER's environments; imported where `kindergarden` is installed.
+"""`Retrieve` among KinDER's environments, to be imported where `kindergarden` is installed.
 
 KinDER needs other versions of MuJoCo and NumPy than this package: the physics run in a process of another interpreter.
 Here nothing is needed beside KinDER and the files of this package.
@@ -42,11 +42,11 @@ _PARENTS = {"clutter_object": MujocoMovableObjectType, "clutter_furniture": Mujo
 _FPS = 20
 _KEPT = 10_000
 _saved: dict[bytes, str] = {}
-"""What restores the last states that environments of this process have shown, by their numbers."""
+"""Saved states that restore the last states which environments of this process have shown, by their numbers."""
 
 
 def register(python: str | Path) -> None:
-    """Add the environments to Gymnasium's registry and KinDER's list; `python` has this package with all it needs."""
+    """Add the environments to Gymnasium's registry and KinDER's list. `python` has this package with all it needs."""
     python = Path(shutil.which(python) or python).absolute()  # programs that use KinDER change their folder
     ids = {f"kinder/{NAME}-{variant}-v0": keywords for variant, keywords in VARIANTS.items()}
     entry_point = f"{__name__}:{ClutteredRetrieval3DEnv.__name__}"
@@ -85,8 +85,8 @@ class _ActionSpace(RobotActionSpace):
 class ObjectCentricClutteredRetrieval3DEnv(ObjectCentricKinDEREnv):
     """`Retrieve` with object-centric states. Keyword arguments and reset options are those of `Retrieve`.
 
-    Reset takes `init_state` too, as `set_state` does: a state that an environment of this process has shown, at a reset
-    or, with `allow_state_access`, at any step, is restored bit for bit. Any other is refused.
+    Reset takes `init_state` too, as `set_state` does. It restores bit for bit a state that an environment of this
+    process has shown, at a reset or, with `allow_state_access`, at any step. Any other is refused.
 
     Raises:
         BridgeError: the interpreter cannot be used, or `Retrieve` has raised something.
@@ -133,7 +133,7 @@ class ObjectCentricClutteredRetrieval3DEnv(ObjectCentricKinDEREnv):
         return self._shown(answer), answer["info"]
 
     def step(self, action: Array) -> tuple[ObjectCentricState, float, bool, bool, dict[str, Any]]:
-        """One control step; terminated means success, truncated that there can be none any more."""
+        """Do one control step. Terminated means success, truncated that success is no longer possible."""
         answer = self._remote("step", action=np.asarray(action).tolist(), saved=self._allow_state_access)
         is_success = answer["info"]["is_success"]
         truncated = answer["truncated"] or (answer["terminated"] and not is_success)
@@ -141,7 +141,7 @@ class ObjectCentricClutteredRetrieval3DEnv(ObjectCentricKinDEREnv):
         return self._shown(answer), reward, is_success, truncated, answer["info"]
 
     def expert_action(self) -> Array | None:
-        """What the planner of clutter-env does next, None where it has given up; it plans when it is first asked.
+        """The next action of clutter-env's planner, None after it has given up. The first call plans.
 
         It knows all poses exactly. For demonstrations.
         """
@@ -176,7 +176,7 @@ class ObjectCentricClutteredRetrieval3DEnv(ObjectCentricKinDEREnv):
         return self._shown(answer), answer["info"]
 
     def _shown(self, answer: dict[str, Any]) -> ObjectCentricState:
-        """The state in an answer; what restores it is kept."""
+        """The state in an answer. The bytes that restore it are kept."""
         self._state = ObjectCentricState({**self._objects(answer["state"]), **self._furniture}, self._features)
         if answer["saved"]:
             key = _key(self._state)
@@ -202,7 +202,7 @@ def _key(state: ObjectCentricState) -> bytes:
 
 
 class ClutteredRetrieval3DEnv(ConstantObjectKinDEREnv):
-    """`Retrieve` with vectors of a constant set of objects; see `ObjectCentricClutteredRetrieval3DEnv`."""
+    """`Retrieve` with vectors of a constant set of objects. See `ObjectCentricClutteredRetrieval3DEnv`."""
 
     def _create_object_centric_env(self, *args: Any, **keywords: Any) -> ObjectCentricClutteredRetrieval3DEnv:
         own = ("python", "allow_state_access")
@@ -213,7 +213,7 @@ class ClutteredRetrieval3DEnv(ConstantObjectKinDEREnv):
         return [entry.name for entry in exemplar_state]
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """Start an episode; explicit scenes must have all objects of the observation space."""
+        """Start an episode. Explicit scenes must have all objects of the observation space."""
         objects, wanted = (options or {}).get("objects"), self._keywords["num_objects"]
         if objects is not None and len(objects) != wanted:
             raise BridgeError(f"{len(objects)} objects do not fill an observation of {wanted}")

@@ -1,11 +1,12 @@
-"""The suites as a benchmark of vla-eval, the harness for vision-language-action models; imported where it is installed.
+"""The suites as a benchmark of vla-eval, the harness for vision-language-action models. Import it where vla-eval is
+installed.
 
     benchmarks:
       - benchmark: clutter_env.bridges.for_vla_eval:SuiteBenchmark
         episodes_per_task: 100
         params: {suite: side-15-v3}
 
-An episode is a scene of the suite's test split, in their order; success is that of the environment, clean by default.
+An episode is a scene of the suite's test split, in order. Success is that of the environment, clean by default.
 `clutter_env.policies.vla_eval_server` serves a policy of this package, to try the harness without a model.
 """
 
@@ -31,14 +32,14 @@ _INFO = ("target", "unmet", "goal")
 class SuiteBenchmark(StepBenchmark):
     """Scenes of a suite.
 
-    What a model receives: `images` by the names of the cameras, (h, w, 3) uint8; `state`, the robot's own numbers;
-    `task_description`, the sentence of the episode's goal. Its answer: `actions`, a vector of the environment's action
-    space or its rows one after the other, as vla-eval asks for them.
+    A model receives `images` by the names of the cameras, (h, w, 3) uint8. It receives `state`, the robot's own
+    numbers, and `task_description`, the sentence of the episode's goal. Its answer: `actions`, a vector of the
+    environment's action space or its rows one after the other, as vla-eval asks for them.
 
     Args:
         suite: name of a suite of the package.
         exact: send the environment's whole observation in place of images, as `observation`, for policies of this
-            package; what stands where is exact then.
+            package. Then positions of objects are exact.
         keywords: more keyword arguments of the environment, such as {"cameras": ["head", "gripper"]}.
 
     Raises:
@@ -73,7 +74,7 @@ class SuiteBenchmark(StepBenchmark):
         return {**observation, **({"info": first} if first else {})}
 
     def step(self, action: Mapping[str, Any]) -> StepResult:
-        """One control step of 0.05 s; a target that is lifted ends the episode, cleanly or not."""
+        """Do one control step of 0.05 s. A target that is lifted ends the episode, cleanly or not."""
         numbers = np.asarray(action["actions"], np.float32)
         observation, reward, terminated, truncated, info = self._env.step(numbers)
         is_over = terminated or truncated or bool(info["target"] and info["lifted"]) or bool(action.get("done"))
@@ -81,7 +82,7 @@ class SuiteBenchmark(StepBenchmark):
         return StepResult(obs=observation, reward=float(reward), done=is_over, info=info)
 
     def make_obs(self, raw_obs: Mapping[str, Any], task: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ARG002
-        """What is sent to the model."""
+        """The message to the model."""
         words = {"task_description": raw_obs[_SENTENCE]}
         if self._exact:
             numbers = {name: part for name, part in raw_obs.items() if name not in (_SENTENCE, "info")}
@@ -99,7 +100,7 @@ class SuiteBenchmark(StepBenchmark):
         return {"action": action_spec(self._env.action_space, inner.control_mode)}
 
     def get_observation_spec(self) -> dict[str, DimSpec]:
-        """What `make_obs` sends."""
+        """Content of the messages of `make_obs`."""
         if self._exact:
             return {"observation": RAW, "language": LANGUAGE}
         cameras = image_entries(dict(self._env.observation_space.items()))  # type: ignore[attr-defined]  # a Dict
@@ -111,12 +112,13 @@ class SuiteBenchmark(StepBenchmark):
 
 
 def made(suite: Suite, exact: bool, keywords: Mapping[str, Any] | None) -> gym.Env[Any, Any]:
-    """The environment of a suite, with the sentence of the goal; see `SuiteBenchmark`."""
+    """The environment of a suite, with the sentence of the goal. See `SuiteBenchmark`."""
     mode = {} if exact else {"obs_mode": "rgbd"}
     return suite.test[0].make(**{"instruction": True, **mode, **(keywords or {})})
 
 
 def action_spec(space: gym.Space[Any], control_mode: str) -> DimSpec:
-    """What vla-eval compares between model and benchmark: the size of the action, and how the robot is controlled."""
+    """Properties that vla-eval compares between model and benchmark: the size of the action, and the kind of
+    control."""
     assert isinstance(space, spaces.Box)
     return DimSpec("action", int(space.shape[0]), f"clutter_env_{control_mode}", (-1.0, 1.0))

@@ -30,11 +30,11 @@ TASKS: Mapping[str, str] = MappingProxyType(
         **dict.fromkeys(("pick", "armpick"), "lift the object to the point"),
     }
 )
-"""What to do, in words, by the family of the environment."""
+"""Tasks in words, by the family of the environment."""
 OBSERVATIONS = ("images", "state", "environment_state")
-"""What a policy sees: "images" of the cameras, the robot's own state and the commanded goal, but no pose of an object;
-"state", one vector of everything, exact poses too; "environment_state", the robot's state, and apart from it all
-else."""
+"""Inputs of a policy. "images": images of the cameras, the robot's own state and the commanded goal, but no pose of an
+object. "state": one vector of everything, exact poses too. "environment_state": the robot's state, and apart from it
+all else."""
 _ROBOT = ("robot", "tcp", "gripper", "observation")
 _EXACT = ("objects", "goal", "achieved_goal")
 _COMMANDED = ("goals", "desired_goal")
@@ -69,7 +69,7 @@ def image_entries(names: Collection[str]) -> dict[str, str]:
 
 
 def hub_observation(observation: Mapping[str, NDArray[Any]], observations: str) -> dict[str, Any]:
-    """An observation with the keys that LeRobot expects of an environment; see `OBSERVATIONS`."""
+    """An observation with the keys that LeRobot expects of an environment. See `OBSERVATIONS`."""
     groups = number_groups(observation, observations).items()
     found: dict[str, Any] = {key: joined(observation, names) for key, names in groups}
     if observations == "images":
@@ -84,7 +84,7 @@ class HubObservation(gym.ObservationWrapper):
         task: what to do, in words, the same for all episodes.
 
     Raises:
-        ConfigError: `observations` is none of `OBSERVATIONS`; or the environment has no such observations.
+        ConfigError: `observations` is none of `OBSERVATIONS`, or the environment has no such observations.
     """
 
     def __init__(self, env: gym.Env, observations: str, language: bool = False) -> None:
@@ -105,7 +105,7 @@ class HubObservation(gym.ObservationWrapper):
 
     @property
     def task_description(self) -> str:
-        """What to do: `task`, or with `language` the sentence of the present episode's goal."""
+        """The task in words: `task`, or with `language` the sentence of the present episode's goal."""
         return sentence(self.env) if self._language else self.task
 
     def observation(self, observation: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
@@ -114,8 +114,8 @@ class HubObservation(gym.ObservationWrapper):
 
 
 class SuiteScenes(gym.Wrapper):
-    """The test scenes of a suite in place of random ones: a reset with a seed starts that of this number, counted round
-    and round; one without a seed the next.
+    """The test scenes of a suite in place of random ones. A reset with a seed starts the scene of this number, modulo
+    the number of scenes. A reset without a seed starts the next scene.
 
     Args:
         suite: its name.
@@ -152,8 +152,8 @@ def make_one(
     """One environment of a hub.
 
     Args:
-        env_id: of the environment; without meaning where a suite is named.
-        observations: one of `OBSERVATIONS`; "images" implies `obs_mode="rgbd"`.
+        env_id: of the environment. Ignored if a suite is named.
+        observations: one of `OBSERVATIONS`. "images" implies `obs_mode="rgbd"`.
         suite: plays the test scenes of this suite, see `SuiteScenes`.
         language: whether `task_description` is the sentence of the episode's goal.
         keywords: of the environment, such as "control_mode" or "image_size".
@@ -173,7 +173,7 @@ def make_one(
 def make_env(
     n_envs: int = 1, use_async_envs: bool = False, cfg: Mapping[str, Any] | None = None
 ) -> dict[str, dict[int, VectorEnv]]:
-    """A vector of environments, reset in the step that ends an episode (SAME_STEP); `info["is_success"]` is success.
+    """A vector of environments, reset in the step that ends an episode (SAME_STEP). `info["is_success"]` is success.
 
     Args:
         n_envs: environments in the vector.
@@ -184,7 +184,7 @@ def make_env(
         The vector, under the environment's id and the number 0 of its only task.
 
     Raises:
-        UnknownTask, ConfigError: see `make_one`; or a number of environments below 1.
+        UnknownTask, ConfigError: see `make_one`, or a number of environments below 1.
     """
     if n_envs < 1:
         raise ConfigError(f"n_envs={n_envs} is not valid; it must be at least 1")

@@ -9,7 +9,7 @@ from irm import cache_folder
 
 
 def kept_mjcf(name: str, mjcf: str) -> Path:
-    """A file in `irm.cache_folder` with this text; its name begins as said and depends on the text."""
+    """A file in `irm.cache_folder` with this text. Its name has the given beginning and depends on the text."""
     folder = cache_folder()
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / f"{name}-{hashlib.sha256(mjcf.encode()).hexdigest()[:16]}.xml"

@@ -39,7 +39,7 @@ _OPENING, _CLOSED = 0.085, 0.79
 _STEP, _DT = 0.1, 0.1
 """[m], [rad] The largest change of a joint in one step, and [s] how long that lasts."""
 _SPEED = 0.95 * _STEP / _DT
-"""[m/s], [rad/s] of commands in plans at most; the rest is for corrections."""
+"""[m/s], [rad/s] of commands in plans at most. The rest is for corrections."""
 _BESIDE = 0.01
 """[m] that the gripper may be behind beside an object: between the walls of a bin it has 4 mm to each side."""
 _MARGIN = 0.01
@@ -52,7 +52,7 @@ _PAD = (0.007, 0.011)
 """[m] Half of the thickness and of the width of a finger of the Robotiq 2F-85, at its tip."""
 _KNUCKLE, _OUTSIDE = (-0.08, 0.0025, 0.0, 0.033), (-0.08, -0.0125, 0.042, 0.075)
 """[m] Boxes of its linkage on either side, along the approach from the pinch site and outwards. The first moves with
-the finger, from its inner face on; the second does not. Together they contain all links, whatever the opening."""
+the finger, from its inner face on. The second does not. Together they contain all links, whatever the opening."""
 _KNUCKLE_WIDTH = 0.0195
 """[m] Half of the width of the linkage."""
 _SAME = 1e-6
@@ -60,7 +60,7 @@ _SAME = 1e-6
 _APART, _BACK, _MOST_BACK = 0.005, 0.02, 5
 """[m] that the base is from everything at first, [m] by which it drives back otherwise at once, and how often."""
 _LOOKS, _STILL = 10, 10
-"""Times at most that is looked whether what leans has come to rest, and steps in between."""
+"""Largest number of checks whether a leaning object has come to rest, and steps between two checks."""
 _FINGER_GAP, _WIDE_GAP = 0.005, 0.012
 """[m] The arm comes to rest within 1 mm to the side of where it was told to be. But a mesh, as the carton, turns on the
 spot by 1° a second, without being touched: the fingers need more room around it."""
@@ -87,7 +87,7 @@ class _Robot:
 
     Attributes:
         body: the first one, without the prefix.
-        base_joints: of KinDER's, in our order; () of an arm that stands.
+        base_joints: of KinDER's, in our order, or () for an arm that stands.
         mounting: how its file becomes a robot of ours: `tool` leads from its pinch site to the middle of the finger
             pads where they hold an object of 4 cm.
         home: [m, rad] the configuration in which it starts, with the lift that ours has.
@@ -139,7 +139,7 @@ class KinderTask:
     """One episode of a KinDER task: a `Controller` of its robot, and the world in which the expert plans.
 
     Attributes:
-        world: for `TampExpert`; its goal is that of the task.
+        world: for `TampExpert`, with the goal of the task.
         dt: [s] of one step.
         done: the environment has ended the episode without success.
         is_solved: what the environment's own check said after the last step.
@@ -237,7 +237,8 @@ class KinderTask:
         return Scene.from_mujoco(model, data, self._robot, movable=movable, support="floor")
 
     def _at_rest(self, look: Callable[[], Scene]) -> Scene:
-        """What is seen once nothing leans: after some resets a cube leans on another, and is still falling."""
+        """The observation after all objects have come to rest: after some resets a cube leans on another, and is still
+        falling."""
         scene, arm = look(), len(self._kind.base_joints)
         still = self._state[self._theirs]
         still = np.concatenate((still[:arm], np.zeros(4 - arm), still[arm:]))
@@ -266,7 +267,7 @@ class KinderTask:
 
 @cache
 def made_robot(kind: str, text: str, gap: float) -> RobotSpec:
-    """KinDER's robot as ours, made of the text of its own MJCF file and kept in the user's cache; `gap` in [m].
+    """KinDER's robot as ours, made of the text of its own MJCF file and kept in the user's cache. `gap` is in [m].
 
     Raises:
         InvalidRobot: the file is not that of this robot.

@@ -35,23 +35,23 @@ Array = NDArray[np.float64]
 _ID, _ARM, _STAND = "FrankaKitchen-v1", "panda0_link0", "stand of the arm"
 _JOINTS = 7
 _HEIGHT, _BEHIND, _YAW = 1.8, 0.04, 1.57
-"""[m] of the arm's base above the ground and in front of the middle of its pedestal; [rad] to which it looks."""
+"""[m] of the arm's base above the ground and in front of the middle of its pedestal. [rad] of its direction."""
 _RADIUS = 0.08
-"""[m] of the pedestal; the environment's stands in the handle of its oven."""
+"""[m] of the pedestal. The environment's pedestal stands in the handle of its oven."""
 _OPENING = 0.08
 """[m] of the gripper."""
 _TIP = 0.05
 """[m] from the site in the file to the ends of the fingers."""
 _ROUND, _SHORT = 0.04, 0.025
-"""[m] by which the fingers reach beyond the TCP: their handles are up to 64 mm thick, and slip off the ends otherwise;
-knobs are not that high."""
+"""[m] by which the fingers reach beyond the TCP. Handles are up to 64 mm thick, and slip off the ends otherwise. Knobs
+are not that high."""
 _MADE = 0.015
 """[m] by which pads reach beyond the TCP as they are made."""
 _PAD = (0.035, 0.009, 0.016)
 """[m] Half extents of what stands for the capsules of a finger: along the approach, along its motion, across both."""
 _BENT = 0.0
-"""[rad] Least position to which the environment sends joint 6, whatever its range; hand and forearm touch from -0.88
-downwards alone."""
+"""[rad] Least position to which the environment sends joint 6, whatever its range. Hand and forearm touch only from
+-0.88 downwards."""
 _FASTEST = (0.65,) * 4 + (1.0,) * 3
 """[rad/s] of the joints: their damping takes 65 of the 87 N m that the first four have, and 10 of 12 of the others'."""
 _SPEED = 2.0
@@ -97,7 +97,7 @@ class KitchenTask:
     """One episode with one task: a `Controller`, and the world in which the expert plans.
 
     Attributes:
-        world: for `TampExpert`; its goal is that of the task.
+        world: for `TampExpert`, with the goal of the task.
         dt: [s] of one step.
         done: the episode is over: the task is completed, or 280 steps are taken.
         is_solved: whether the environment counts the task among those completed.
@@ -107,7 +107,7 @@ class KitchenTask:
     dt = 0.08
 
     def __init__(self, id: str, seed: int) -> None:
-        """Reset the environment; raises `BridgeError` if the task is none of those above."""
+        """Reset the environment. Raises `BridgeError` if the task is none of those above."""
         if id not in _TASKS:
             raise BridgeError(f"no goal is known for {id!r}; there are {', '.join(_TASKS)}")
         self._id, self.steps, self.done, self.is_solved = id, 0, False, False
@@ -134,7 +134,7 @@ class KitchenTask:
 
     @property
     def simulated(self) -> mujoco.MjData:
-        """The environment's own state, without noise; nothing here acts on it."""
+        """The environment's own state, without noise. No action here depends on it."""
         inner: Any = self._env.unwrapped
         data: mujoco.MjData = inner.data
         return data
@@ -185,8 +185,8 @@ def _scene(file: Path, part: _Part) -> mujoco.MjSpec:
 
 @cache
 def _panda(file: Path, start: tuple[float, ...], beyond: float) -> RobotSpec:
-    """The environment's arm on a pedestal, with two pads in place of its fingers; its home is as near to its start as
-    the joints go, which begin beyond a limit."""
+    """The environment's arm on a pedestal, with two pads in place of its fingers. Its home is as near to its start as
+    the joints go, since the start is beyond a limit."""
     mounting = Mounting(
         _ARM,
         "end_effector",

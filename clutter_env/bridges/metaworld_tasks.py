@@ -8,8 +8,8 @@ with Remote("venv-metaworld/bin/python", "metaworld_worker.py") as metaworld:
         task.world.step(expert.act())
     print(expert.report, task.is_solved)  # "success" of some step, as MetaWorld's evaluation counts
 
-The action moves the Sawyer's hand, which always points down with its fingers along y: how the arm follows is not ours
-to say, and nothing but hand and fingers can touch anything. So only the positions of the TCP are played.
+The action moves the Sawyer's hand, which always points down with its fingers along y: the action does not decide how
+the arm follows. Only hand and fingers can touch anything. So only the positions of the TCP are played.
 """
 
 from __future__ import annotations
@@ -58,14 +58,14 @@ _NEAR, _PRECISE = 0.01, 0.004
 _STILL = 0.0005
 """[m] that a finger moves in a step, or the opening wanted changes, that counts as standing."""
 _MOST, _PATIENT = 12, 3
-"""Steps at most for one command, and those after which a hand that comes no nearer is waited for no longer."""
+"""Largest number of steps for one command, and steps to wait for a hand that comes no nearer."""
 DOWN = (AntipodalFamily("down", np.pi / 2, directions=2, hangs=True),)
 """The hand's one orientation."""
 
 
 @dataclass(frozen=True)
 class _Part:
-    """What a task moves: its body, its handles by the radius [m] of the geoms, and the goal."""
+    """The moving part of a task: its body, its handles by the radius [m] of the geoms, and the goal."""
 
     body: str
     handles: tuple[float, ...]
@@ -86,17 +86,17 @@ class MetaworldTask:
     """One episode: a `Controller`, and the world in which the expert plans.
 
     Attributes:
-        world: for `TampExpert`; its goal is that of the task.
+        world: for `TampExpert`, with the goal of the task.
         dt: [s] of the plan in one `act`, which is as many steps as the hand needs.
         done: the episode is over: solved, or 500 steps are taken.
-        is_solved: what the environment's own check has said; MetaWorld's evaluation ends an episode at that.
+        is_solved: result of the environment's own check. MetaWorld's evaluation ends an episode at that.
         steps: taken so far, of 500.
     """
 
     dt = 0.05
 
     def __init__(self, metaworld: Remote, id: str, seed: int) -> None:
-        """Reset the environment; raises `BridgeError` if the task is none of those above."""
+        """Reset the environment. Raises `BridgeError` if the task is none of those above."""
         if id not in _TASKS:
             raise BridgeError(f"no goal is known for {id!r}; there are {', '.join(_TASKS)}")
         self._metaworld, self.steps = metaworld, 0
@@ -152,7 +152,7 @@ class MetaworldTask:
 
     @property
     def _lacks(self) -> Array:
-        """(3,) [m] of the hand to its target; 0 along axes on which its set point can go no farther."""
+        """(3,) [m] of the hand to its target. 0 along axes on which its set point can go no farther."""
         is_free = (self._target > self._lowest) & (self._target < self._highest)
         return np.where(is_free, self._target - self._hand, 0.0)
 

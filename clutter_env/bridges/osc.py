@@ -57,8 +57,8 @@ class OscFollower:
     """Predicts in which configurations the arm follows poses of the gripper: a `planners` `TcpFollower`.
 
     The gripper is drawn to its goal as by a spring with damping, the elbow to where it started, and a joint at its
-    limit stays there. Motors are no stronger than they are, and air and joints of the model brake: robosuite's links
-    have the inertia of far greater bodies, on which its air acts with as much as the motors of the wrist have.
+    limit stays there. Motors have their limits, and air and joints of the model brake. robosuite's links have the
+    inertia of far larger bodies. Its air acts on them with as much torque as the motors of the wrist have.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class OscFollower:
         """Make a model of the controller.
 
         Args:
-            data: of a model that has the arm; everything else in it stays as it is.
+            data: of a model that has the arm. Everything else in it stays as it is.
             joints: of the arm.
             site: of which the controller moves the pose.
             start: (n,) [rad] configuration to which the controller draws the elbow.
@@ -89,7 +89,7 @@ class OscFollower:
             T_site_tcp: (4, 4) of the TCP in the frame of the site.
             lift: [m] first joint of the configurations, which stays.
             dt: [s] of one step.
-            stiffness: [1/s²] of the gripper's spring; the damping is critical.
+            stiffness: [1/s²] of the gripper's spring. The damping is critical.
             lag: steps by which the gripper stays behind.
             most: (6,) [m], [rad] that an action of 1 means.
             strength: (n,) [N m] of the motors at most.
@@ -166,7 +166,8 @@ class OscFollower:
 
 
 def _projections(J: Array, inverse: Array) -> tuple[Array, Array]:
-    """Torques (n, 6) of unit accelerations of the site, position and rotation apart; and what moves it not (n, n)."""
+    """Torques (n, 6) of unit accelerations of the site, position and rotation apart, and the part that does not move it
+    (n, n)."""
     inertia = J @ inverse @ J.T
     pull = np.hstack([J[rows].T @ np.linalg.pinv(inertia[rows, rows]) for rows in (slice(0, 3), slice(3, 6))])
     return pull, np.eye(len(inverse)) - J.T @ np.linalg.pinv(inertia) @ J @ inverse

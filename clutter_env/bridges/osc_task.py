@@ -29,7 +29,7 @@ _STILL = 0.004
 _SAME = 0.02
 """[m] at most from the point that robosuite's controller moves to the TCP of our Panda."""
 _WIDTH = {mujoco.mjtJoint.mjJNT_FREE: 7, mujoco.mjtJoint.mjJNT_BALL: 4}
-"""Numbers that say where a joint is, of those that have more than one."""
+"""Number of positions of the joints that have more than one."""
 
 
 class OscTask:
@@ -62,10 +62,10 @@ class OscTask:
             remote: the worker, whose `step` takes six numbers for the arm and one for the gripper.
             start: what its `reset` told.
             spec: the environment's model, as the planner is to see it.
-            robot: ours; its home becomes that of the environment's arm.
+            robot: ours. Its home becomes that of the environment's arm.
             place: x, y, yaw of its base [m, rad], and the height of its lift [m].
             finger_steps: of the environment in which its gripper is told to open or close all the way.
-            closing_steps: in which it does, for plans; 0: the same.
+            closing_steps: in which it does, for plans. 0: the same.
         """
         self._remote, self.steps, self._finger_steps = remote, 0, finger_steps
         self._base, lift = place
@@ -160,7 +160,7 @@ class OscTask:
         self.steps += 1
 
     def _grip(self, opening: float) -> float:
-        """-1 opens the gripper by a step, 1 closes it, 0 leaves it; what is held is pressed."""
+        """-1 opens the gripper by a step, 1 closes it, 0 leaves it. A held object is pressed."""
         holds = self._commanded == 0 and opening < self._opening + _STILL
         if opening < _STILL or holds:
             way = 1.0

@@ -26,7 +26,7 @@ def _without_our_packages() -> dict[str, str]:
 
 
 class Remote:
-    """The `Worker` of a file of `workers/` in another interpreter; see `workers/answer.py`.
+    """The `Worker` of a file of `workers/` in another interpreter. See `workers/answer.py`.
 
     Example:
         with Remote("venv-kinder/bin/python", "kinder_worker.py") as kinder:
@@ -34,7 +34,7 @@ class Remote:
     """
 
     def __init__(self, python: str | Path, worker: str) -> None:
-        """Start it; raises `BridgeError` if the interpreter is not there."""
+        """Start it. Raises `BridgeError` if the interpreter is not there."""
         self._name = f"{python} {worker}"
         self._errors = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115  until `close`
         try:

@@ -50,7 +50,8 @@ GRASPS = tuple(
     for pitch in pitches
 )
 """Down and deep, where that is possible: the bread, round at its top, slips out of fingers that hold it there. The
-can's compartment of PickPlace is out of reach, but for a tilted gripper that holds the can at its top, above the walls.
+can's compartment of PickPlace is out of reach, except for a tilted gripper that holds the can at its top, above the
+walls.
 """
 _HANDLES = tuple(
     AntipodalFamily(f"handle, {pitch}°", np.radians(pitch), lever=(0.03, 0.1), max_width=0.04) for pitch in (90, 75, 60)
@@ -81,7 +82,8 @@ _TASKS: dict[str, tuple[tuple[str, ...], Goal | None]] = {
     "DoorWithoutLatch": (("table",), goals.open_("Door_door", amount=_AJAR)),
     **{f"NutAssembly{kind}": (("table",), None) for kind in ("", "Single", "Square", "Round")},
 }
-"""By task: on what objects may be put, the first is where they stand, and what is wanted; None: nuts on their pegs."""
+"""By task: supports on which objects may be put, the first is the one where they stand, and the goal. None: nuts on
+their pegs."""
 _PEGS = {"SquareNut_main": "peg1", "RoundNut_main": "peg2"}
 _AWAY = 2.0
 """[m] from the arm: a nut there has been cleared away."""
@@ -93,7 +95,7 @@ class RobosuiteTask(OscTask):
     """One episode of Lift, Stack or PickPlace (all four objects): a `Controller`, and the world to plan in.
 
     Attributes:
-        world: for `TampExpert`; its goal is that of the task.
+        world: for `TampExpert`, with the goal of the task.
         planner: for `TampExpert`: its plans are such that the arm can follow them.
         dt: [s] of one step.
         done: the time is up.
@@ -150,7 +152,7 @@ class RobosuiteTask(OscTask):
 
 @cache
 def _panda(takes_thin: bool) -> RobotSpec:
-    """Our Panda on a base that stands; for thin objects with the fingers of robosuite's hand, which are shorter."""
+    """Our Panda on a base that stands. For thin objects it has the fingers of robosuite's hand, which are shorter."""
     robot = assets.robot("panda_mobile").fixed()
     if not takes_thin:
         return robot

@@ -56,7 +56,8 @@ _ENVIRONMENT = ("layout", "control_mode", "object_set", "reality")
 """The arguments that the environment has too."""
 
 Measurement = dict[str, float | None]
-"""One row of the table. Times are CPU times, except `frames_per_s` in wall-clock time, which is None without OpenGL.
+"""One row of the table. Times are CPU times. Only `frames_per_s` is in wall-clock time, and needs OpenGL: otherwise it
+is None.
 `step_over_physics`: CPU time of `env.step` over that of its physics steps. `memory_mb`: peak of the process [MB]."""
 
 

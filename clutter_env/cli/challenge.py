@@ -36,7 +36,7 @@ class New:
     ledger: Path = Path("outputs/challenges.jsonl")
     """The verifier's file of everything that was drawn."""
     out: Path | None = None
-    """The challenge's file; outputs/challenges/POLICY_SUITE_NUMBER.json if not given."""
+    """The challenge's file. outputs/challenges/POLICY_SUITE_NUMBER.json if not given."""
     workers: int = 2
     """Number of processes."""
 
@@ -52,9 +52,9 @@ class Run:
     ledger: Path = Path("outputs/challenges.jsonl")
     """The verifier's file of everything that was drawn."""
     json: Path | None = None
-    """The results file; beside the challenge, with "_results" in its name, if not given."""
+    """The results file. By default in the challenge's directory, with "_results" in its name."""
     count_crashes: bool = False
-    """Count an exception of the policy as a failed episode; otherwise it ends the run."""
+    """Count an exception of the policy as a failed episode. Otherwise it ends the run."""
     trust: bool = False
     """Load models of Stable-Baselines3 (ALGORITHM:FILE.zip), which executes code that is in the file."""
     python: str = ""
@@ -72,7 +72,7 @@ class Check:
     results: Annotated[Path, tyro.conf.Positional]
     """Its results file."""
     again: int = 10
-    """Scenes that the policy plays again; 0 if it is not here, and then nothing is measured."""
+    """Scenes that the policy plays again. Use 0 if the policy is not here. Then nothing is measured."""
     ledger: Path = Path("outputs/challenges.jsonl")
     """The verifier's file of everything that was drawn."""
     trust: bool = False

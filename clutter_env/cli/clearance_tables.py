@@ -208,7 +208,7 @@ def _paper_rows(objects: set[int]) -> list[Row]:
 
 
 def _section(title: str, rows: Sequence[Row], columns: Mapping[str, str]) -> str:
-    """A table with one line for each row; `columns` are formats by heading, NaN becomes a dash."""
+    """A table with one line for each row. `columns` are formats by heading, NaN becomes a dash."""
 
     def cell(text: str, entry: Row) -> str:
         filled = text.format(**entry)

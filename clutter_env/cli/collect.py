@@ -31,29 +31,29 @@ class Arguments:
     episodes: int = 200
     """Successful episodes wanted."""
     out: Path | None = None
-    """Directory of the episodes' files; one that the same command made is continued. Without it, one in outputs/demos/
+    """Directory of the episodes' files. One that the same command made is continued. Without it, one in outputs/demos/
     named by environment and strategy."""
     strategy: str = ""
     """The expert: a strategy of the planner, "canonical" (plans that can be learned), one of these with "-all" for all
-    grasps, or "scripted"; empty for the first one of the environment."""
+    grasps, or "scripted". Empty for the first one of the environment."""
     control_mode: Literal["joint", "ee", ""] = ""
-    """Control mode; empty for the environment's own."""
+    """Control mode. Empty for the environment's own."""
     layout: str = ""
-    """Layout; empty for the environment's own."""
+    """Layout. Empty for the environment's own."""
     task: str = ""
-    """Task of a Rearrange environment; empty for the environment's own."""
+    """Task of a Rearrange environment. Empty for the environment's own."""
     obstructed: bool = False
-    """Collect on scenes whose target no side grasp reaches without moving something."""
+    """Collect on scenes whose target no side grasp reaches before another object moves."""
     obs_mode: Literal["state", "rgbd"] = "state"
     """With "rgbd", observations have images of the robot's cameras too, rendered after an episode has replayed."""
     image_size: int | None = None
-    """Pixels along each side of these images; 96 if not given, of LIBERO's tasks 128."""
+    """Pixels along each side of these images. 96 if not given, of LIBERO's tasks 128."""
     states: str = "0-19"
     """Of LIBERO's tasks: numbers of frozen initial states."""
     python: Path = Path("venv-libero/bin/python")
     """Of LIBERO's tasks: the Python with LIBERO."""
     seed: int = 0
-    """First seed; the others follow in ascending order. Seeds from 1,000,000 on are for evaluation."""
+    """First seed. The others follow in ascending order. Seeds from 1,000,000 on are for evaluation."""
     workers: int = 2
     """Number of processes."""
     ray: str = ""

@@ -32,11 +32,11 @@ class Arguments:
     split: Literal["test", "validation"] = "test"
     """Split of the suites: "test" for results to report, "validation" to tune a policy."""
     envs: tuple[str, ...] = ()
-    """Environments whose resets, from seed 1,000,000 on, are played; of Retrieve also by skills."""
+    """Environments whose resets, from seed 1,000,000 on, are played. Of Retrieve also by skills."""
     obstructed: Literal[0, 1, 2, 3] = 0
     """Environments: least number of objects in the way of every side grasp of the target."""
     policies: tuple[str, ...] = ("lookahead",)
-    """Names of policies; the help of `clutter-env evaluate` lists them."""
+    """Names of policies. The help of `clutter-env evaluate` lists them."""
     files: tuple[Path, ...] = ()
     """Results files of `clutter-env evaluate`, whose scores are added unchecked. `clutter-env verify` confirms them."""
     scenes: int | None = None
@@ -44,7 +44,7 @@ class Arguments:
     feasibility: Literal["oracle", "none"] = "oracle"
     """For policies that act by skills: whether skills without a free grasp are refused, or tried all the same."""
     count_crashes: bool = False
-    """Count an exception of a policy as a failed episode; otherwise it ends the comparison."""
+    """Count an exception of a policy as a failed episode. Otherwise it ends the comparison."""
     workers: int = 2
     """Number of processes."""
     ray: str = ""

@@ -22,12 +22,12 @@ class Arguments:
     """A task of Rearrange, with 4, 8, 12 or 20 objects; search: for a target that no camera sees, 5, 10, 12 or 16;
     empty: retrieve a target."""
     layout: str = ""
-    """Table and surroundings; empty: "paper", or the task's."""
+    """Table and surroundings. Empty: "paper", or the task's."""
     robot: str = "fetch"
     """Name of the robot, or its MJCF file with its page beside it, arm.xml and arm.json."""
     grasps: Literal["", "side", "tilted", "top", "all"] = ""
-    """Grasp set: level gripper (the paper's experiment), tilted, from above, or all of them, as `planners.solve` uses
-    unless told otherwise; empty: side, for a task all."""
+    """Grasp set: level gripper (the paper's experiment), tilted, from above, or all of them, as is the default of
+    `planners.solve`. Empty: side, for a task all."""
     control_mode: Literal["joint", "ee"] = "joint"
     """Joint targets, or TCP poses."""
     obstructed: bool = True
@@ -39,9 +39,9 @@ class Arguments:
     viewer: bool = False
     """Open MuJoCo's viewer, in real time."""
     live: bool = False
-    """Show the running episode in a browser of this machine, in real time; its address is printed."""
+    """Show the running episode in a browser of this machine, in real time. Its address is printed."""
     html: Path | None = None
-    """The episode as one page for a browser; episode.html in --out if not given."""
+    """The episode as one page for a browser. episode.html in --out if not given."""
     film: bool = True
     """Film the episode if the machine can render."""
     out: Path = Path("outputs/episode")

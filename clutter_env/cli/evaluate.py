@@ -4,7 +4,8 @@
     clutter-env evaluate --suite side-15-v3 --policy my_module:MyPolicy --split validation
 
 A policy has the methods `reset(info)` and `act(observation)`. The rules are in docs/suites.md. The 100 scenes of a
-suite take some three minutes on two cores with the expert and 15 objects, up to half an hour with a slow policy and 40.
+suite take some three minutes on two cores with the expert and 15 objects. With a slow policy and 40 objects they take
+up to half an hour.
 """
 
 from __future__ import annotations
@@ -22,16 +23,16 @@ class Arguments:
     """Name of the suite."""
     policy: str = "lookahead"
     """lookahead, ngr, dogar, srivastava, canonical: the expert with side grasps, or, as lookahead-all, …, with all
-    grasps; keyframes, keyframes-all, keyframes-shelf (learned decisions and motions); greedy, random-skills,
-    direct-approach, scripted, random; for other scenes reach, pick, armreach, armpick and armretrieve; the directory of
-    a training run; module:Class; lerobot:DIRECTORY, a checkpoint of LeRobot; or, with --trust, a model of
+    grasps. keyframes, keyframes-all, keyframes-shelf: learned decisions and motions. greedy, random-skills,
+    direct-approach, scripted, random. For other scenes: reach, pick, armreach, armpick and armretrieve. The directory
+    of a training run. module:Class. lerobot:DIRECTORY, a checkpoint of LeRobot. With --trust, a model of
     Stable-Baselines3 as ALGORITHM:FILE.zip."""
     split: str = "test"
     """"test" for results to report, "validation" to tune a policy."""
     scenes: int | None = None
-    """Number of scenes, the first ones; such results are not results on the suite."""
+    """Number of scenes, the first ones. Such results are not results on the suite."""
     count_crashes: bool = False
-    """Count an exception of the policy as a failed episode; otherwise it ends the evaluation."""
+    """Count an exception of the policy as a failed episode. Otherwise it ends the evaluation."""
     workers: int = 2
     """Number of processes."""
     ray: str = ""
@@ -45,7 +46,7 @@ class Arguments:
     python: str = ""
     """For lerobot:DIRECTORY: the interpreter of an environment in which LeRobot is installed."""
     json: Path | None = None
-    """The results file; outputs/evaluate/SUITE_POLICY.json if not given."""
+    """The results file. outputs/evaluate/SUITE_POLICY.json if not given."""
 
 
 def run(arguments: Arguments) -> None:

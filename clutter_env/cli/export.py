@@ -22,21 +22,21 @@ class Arguments:
     """Export demonstrations."""
 
     to: Literal["lerobot", "minari", "hdf5", "robomimic"]
-    """"lerobot" (format v3.0) and "minari" are directories; "hdf5" (one group an episode) and "robomimic" are files."""
+    """"lerobot" (format v3.0) and "minari" are directories. "hdf5" (one group an episode) and "robomimic" are files."""
     demos: tuple[Path, ...]
-    """Directories that `clutter-env collect` made, alike but for their seeds; all of them become one dataset. Or
+    """Directories that `clutter-env collect` made, which differ only in their seeds. All of them become one dataset. Or
     one file of a task of LIBERO."""
     out: Path | None = None
-    """Where to write; without it outputs/exports/FORMAT, and ….hdf5 for a file. It must not exist."""
+    """Directory or file to write. By default outputs/exports/FORMAT, and ….hdf5 for a file. It must not exist."""
     observations: Literal["images", "state", "environment_state", ""] = ""
-    """What policies see that learn from it, for LeRobot: "images", with the robot's own state, without exact poses;
-    "state", one vector of everything; "environment_state", the robot's state, and apart from it all poses. Empty for
-    "images" where there are any, else "environment_state"."""
+    """Inputs of policies that learn from it, for LeRobot. "images": images and the robot's own state, without exact
+    poses. "state": one vector of everything. "environment_state": the robot's state, and apart from it all poses. Empty
+    for "images" where there are any, else "environment_state"."""
     image_size: int = 0
-    """Pixels along each side of camera images, for LeRobot, rendered from the episodes' states; 0: those collected."""
+    """Pixels along each side of camera images, for LeRobot, rendered from the episodes' states. 0: those collected."""
     cameras: tuple[str, ...] = ()
-    """Those whose images are rendered, for example "--cameras top gripper" ("top" looks down at the table); none named:
-    the robot's own."""
+    """Those whose images are rendered, for example "--cameras top gripper" ("top" looks down at the table). The robot's
+    own if none is named."""
     workers: int = 2
     """Number of processes that render images."""
     json: Path | None = None

@@ -7,8 +7,8 @@ The recorded actions of each file are played again, as by `clutter-env verify`. 
 directory, so that each file is played only once. Unconfirmed files are named below the tables, without a score.
 
 With a verifier's ledger the page has two tables. Results of its challenges whose policy is here, and gives the same
-actions again, are measured, and rank; of several under one name, the one that was played first. All others are claimed:
-scenes of public suites can be memorised, and nobody knows who made the actions of a file.
+actions again, are measured, and rank. Of several under one name, the one that was played first ranks. All others are
+claimed: scenes of public suites can be memorised, and nobody knows who made the actions of a file.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ class Arguments:
     """Build a map."""
 
     mjcf: tyro.conf.Positional[Path | None] = None
-    """MJCF file of an arm; it needs --base and --tip."""
+    """MJCF file of an arm, which needs --base and --tip."""
     base: str = ""
     """Body of the MJCF file whose frame is the base frame, with z up."""
     tip: str = ""
@@ -42,13 +42,13 @@ class Arguments:
     robot: str = "fetch"
     """Name of a robot, or module:NAME of a RobotSpec."""
     out: Path | None = None
-    """File of the map; outputs/NAME.npz if not given."""
+    """File of the map. outputs/NAME.npz if not given."""
     voxel: float = 0.05
     """Edge of the position cells [m]."""
     orientations: int = 62
     """Number of approach axes: 6, 26, 62, 114, 182, 266, ..."""
     lift: bool = True
-    """Whether the torso may move; if not, it stays at its height in the home configuration."""
+    """Whether the torso may move. If not, it stays at its height in the home configuration."""
     samples: int = 400_000
     """Random configurations, for arms without a closed form."""
     seed: int = 0

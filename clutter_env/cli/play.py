@@ -28,32 +28,32 @@ class Arguments:
     objects: int = 15
     """Number of objects on the table, the target among them."""
     seed: int = 1_000_000
-    """Random seed of the scene; from 1,000,000 on nothing has been trained on."""
+    """Random seed of the scene. Scenes from 1,000,000 on are never used for training."""
     layout: str = ""
-    """Table and surroundings; empty for the paper's table alone."""
+    """Table and surroundings. Empty for the paper's table alone."""
     obstructed: bool = True
-    """Only targets that no side grasp reaches without moving something."""
+    """Only targets that no side grasp reaches before another object moves."""
     trust: bool = False
     """Load models of Stable-Baselines3 (ALGORITHM:FILE.zip), which executes code that is in the file."""
     python: str = ""
     """For lerobot:DIRECTORY: the interpreter of an environment in which LeRobot is installed."""
     film: Path | None = None
-    """Write a film to this file, its ending is added; without it, a window, or on a machine without a display a film in
+    """Write a film to this file, its ending is added. By default a window, or on a machine without a display a film in
     outputs/play."""
     human: bool = False
     """Play yourself, in a browser of this machine. The options below are for this."""
     suite: str = ""
-    """Play scenes of a suite, from its first one on; without it, of --objects, --layout and --seed."""
+    """Play scenes of a suite, from its first one on. By default scenes of --objects, --layout and --seed."""
     scenes: int = 1
     """Number of scenes, one after the other."""
     grasps: Literal["side", "all"] = "side"
     """The grasps of your moves, and those that the proved minimum is for: level side grasps, or all."""
     port: int = 0
-    """Port of the page on 127.0.0.1; 0 for a free one."""
+    """Port of the page on 127.0.0.1, 0 for a free one."""
     speed: float = 3.0
-    """Simulated time per time; 0 for as fast as the machine can."""
+    """Simulated time per time, 0 for as fast as the machine can."""
     json: Path | None = None
-    """The results file; without it, one in outputs/human."""
+    """The results file. By default one in outputs/human."""
 
 
 def run(arguments: Arguments) -> None:

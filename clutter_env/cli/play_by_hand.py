@@ -112,7 +112,7 @@ class Game:
         }
 
     def shown(self) -> dict[str, Any]:
-        """What the page shows beside the scene."""
+        """The page's text and figures next to the scene."""
         happened = f"{self.hand.happened}. " if self.hand.happened else ""
         busy = self._is_busy.is_set() and not self.over
         return {
@@ -142,7 +142,7 @@ class Game:
 
 @dataclass(frozen=True)
 class Played:
-    """What a person has played, and the files of it.
+    """The games that a person has played, and their files.
 
     Attributes:
         evaluation: scores of the replays.
@@ -166,7 +166,7 @@ def play_by_hand(
         scenes: the scenes, one after the other.
         grasps: the grasp set that the person's moves use, and by whose lower bounds they are measured.
         port: of the page on 127.0.0.1, 0 for a free one.
-        speed: simulated time per time; 0 for as fast as the machine can.
+        speed: simulated time per time, 0 for as fast as the machine can.
         json_file: the results file.
         folder: of the demonstrations.
         workers: number of processes for the replays.
@@ -207,7 +207,7 @@ def _play(
     begun = time.perf_counter()
 
     def watch(*_: Any) -> None:
-        """Serve the page once the episode has begun, and send the news; not faster than the wanted speed."""
+        """Serve the page after the episode has begun, and send the news, not faster than the wanted speed."""
         nonlocal begun
         if game.page is None:
             game.target, game.objects, game.faces = inner.target, tuple(inner.world.names), _faces(inner)

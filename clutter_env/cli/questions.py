@@ -27,7 +27,7 @@ class Make:
     objects: int = 6
     """Objects in a scene."""
     image_size: int = 256
-    """Pixels along each side of an image; 0: no images."""
+    """Pixels along each side of an image, 0 for no images."""
     first_seed: int = 20_000_000
     """Seed of the first scene."""
     out: Path = Path("outputs/questions")

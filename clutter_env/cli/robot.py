@@ -5,11 +5,11 @@
     clutter-env robot check my_package.robots:MINE
     clutter-env robot check my_robot.xml --page my_robot.json
 
-`make` writes an MJCF file and its page: the arm, with boxes, cylinders and capsules in place of its meshes, on a base,
-with a lift, motors and two sliding fingers, see docs/add_a_robot.md. `check` lists missing and inconsistent data. Both
-draw the collision shapes, the frames of the joints and the reach of the level gripper, and let the robot plan and
-execute three scenes before they report no problem. The page of an MJCF file is a JSON object with the
-keyword arguments of `RobotSpec.from_mjcf`. Without a `home` in it, `check` suggests some.
+`make` writes an MJCF file and its page. The arm has boxes, cylinders and capsules in place of its meshes. It stands on
+a base, with a lift, motors and two sliding fingers, see docs/add_a_robot.md. `check` lists missing and inconsistent
+data. Both draw the collision shapes, the frames of the joints and the reach of the level gripper. They let the robot
+plan and execute three scenes before they report no problem. The page of an MJCF file is a JSON object with the keyword
+arguments of `RobotSpec.from_mjcf`. Without a `home` in it, `check` suggests some.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ class Arguments:
     robot: tyro.conf.Positional[str]
     """check: name of a robot, module:NAME of a RobotSpec, or an MJCF file. make: an MJCF or URDF file."""
     page: Path | None = None
-    """JSON file of what the MJCF file does not say; the one beside it if not given."""
+    """JSON file of what the MJCF file does not say. By default the one with the same name."""
     table: float = 0.75
     """Height of the table that the robot is to work at [m]."""
     scenes: int = 3
-    """Scenes with five objects that the robot plans and executes, on the table of the environments; 0 for none."""
+    """Scenes with five objects that the robot plans and executes, on the table of the environments, 0 for none."""
     out: Path | None = None
-    """check: the picture, outputs/NAME.png if not given. make: the robot's file, outputs/NAME.xml if not given; page
-    and picture lie beside it."""
+    """check: the picture, outputs/NAME.png if not given. make: the robot's file, outputs/NAME.xml if not given. Page
+    and picture are in the same directory."""
     json: Path | None = None
     """Write facts, problems and the results of the scenes to this file."""
     base: str = ""
@@ -57,15 +57,15 @@ class Arguments:
     tip: str = ""
     """make: site or body between the finger tips, or of the flange."""
     approach: Literal["x", "-x", "y", "-y", "z", "-z"] = "z"
-    """make: axis of the tip along which the gripper approaches; fingers move along y."""
+    """make: axis of the tip along which the gripper approaches. Fingers move along y."""
     turn: float = 0.0
     """make: angle about the approach from the tip's y axis to the axis along which the fingers move [rad]."""
     on: tuple[float, float] | None = None
-    """make: x and height of the arm's base on a round mobile base [m]; a file with a base of its own needs none."""
+    """make: x and height of the arm's base on a round mobile base [m]. A file with a base of its own needs none."""
     radius: float = 0.27
     """make: of the round base [m]."""
     lift: tuple[float, float] | None = None
-    """make: range of a lift under the arm [m]; without it there is none."""
+    """make: range of a lift under the arm [m]. No lift if not given."""
     opening: float = 0.085
     """make: of the gripper [m]."""
     tool: float = 0.0
@@ -79,7 +79,7 @@ class Arguments:
     radians: bool = False
     """make: angles of the MJCF file are radians, although it does not say so."""
     drive: Literal["holonomic", "differential", "fixed"] = "holonomic"
-    """make: how the base moves; fixed with --on: the arm stands on a pedestal of that --radius."""
+    """make: how the base moves. fixed with --on: the arm stands on a pedestal of that --radius."""
 
     def __post_init__(self) -> None:
         if self.action == "check":

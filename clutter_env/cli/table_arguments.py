@@ -18,7 +18,7 @@ class Arguments:
     objects: tuple[int, ...] = (15, 20, 25, 30, 35, 40, 50, 60)
     """Numbers of objects on the table, the target among them."""
     strategies: tuple[str, ...] = STRATEGIES
-    """Strategies; the others are compared with the first one."""
+    """Strategies. The others are compared with the first one."""
     scenes: int = 100
     """Scenes for each number of objects."""
     obstructed: bool = True
@@ -33,10 +33,10 @@ class Arguments:
     """Grasp set: level gripper (the paper's experiment), tilted, from above, or all of them, as `planners.solve` uses
     unless told otherwise."""
     supports: tuple[str, ...] = ()
-    """Where objects may be put: all, table, or names of the layout's supports. If not given, the table alone with side
-    grasps, and all supports with the others."""
+    """Supports on which objects may be put: all, table, or names of the layout's supports. If not given, the table
+    alone with side grasps, and all supports with the others."""
     physics: bool = False
-    """Let the expert execute its plans in physics, where the environment decides about success; an episode has 1500
+    """Let the expert execute its plans in physics, where the environment decides about success. An episode has 1500
     control steps for each object, as in a suite in which all others must be cleared."""
     control_mode: Literal["joint", "ee"] = "joint"
     """Control mode."""

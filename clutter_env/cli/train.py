@@ -37,24 +37,24 @@ class Arguments:
     """Train a policy."""
 
     algorithm: tyro.conf.Positional[Literal["sac", "tqc", "ppo", "maskable-ppo", "dqn"]]
-    """sac, tqc: on ArmReach, ArmPick, Reach, Pick with hindsight (HER), and on Retrieve; ppo: on Retrieve and Skill;
+    """sac, tqc: on ArmReach, ArmPick, Reach, Pick with hindsight (HER), and on Retrieve. ppo: on Retrieve and Skill.
     maskable-ppo, dqn: on Skill."""
     env: str = ""
-    """Environment id; empty for clutter_env/ArmReach-v0, Retrieve-o15-v0 or Skill-o15-v0, as the algorithm needs."""
+    """Environment id. Empty for clutter_env/ArmReach-v0, Retrieve-o15-v0 or Skill-o15-v0, as the algorithm needs."""
     settings: Annotated[Settings, tyro.conf.arg(name="")] = field(default_factory=Settings)
     """Numbers of steps, copies and evaluations."""
     seed: int = 0
-    """Random seed; the first one of several."""
+    """Random seed, or the first one of several."""
     seeds: int = 1
-    """Number of seeds; each is a run of its own, in seed-N/ in the directory."""
+    """Number of seeds. Each is a run of its own, in seed-N/ in the directory."""
     workers: int = 2
     """Number of seeds that are trained at a time."""
     ray: str = ""
     """Address of Ray ("auto", "local", …): train several seeds there instead of in processes of this machine."""
     out: Path | None = None
-    """Directory of the run or runs; without it, one in outputs/runs/ named by algorithm, environment and seed."""
+    """Directory of the run or runs. By default one in outputs/runs/ named by algorithm, environment and seed."""
     control_mode: Literal["joint", "ee", ""] = ""
-    """Control mode; empty for the environment's own, as below."""
+    """Control mode. Empty for the environment's own, as below."""
     reward_mode: Literal["sparse", "dense", ""] = ""
     """Reward mode."""
     layout: str = ""
@@ -62,16 +62,16 @@ class Arguments:
     object_set: str = ""
     """Set of objects, such as "household"."""
     obstructed: bool = False
-    """Only scenes whose target no side grasp reaches without moving something."""
+    """Only scenes whose target no side grasp reaches before another object moves."""
     simulation: Literal["physics", "kinematic", ""] = ""
-    """Simulation of Skill; empty for the kinematic model."""
+    """Simulation of Skill. Empty for the kinematic model."""
     geometric_mask: bool = False
     """Leave out skills without a free grasp while learning Skill by maskable-ppo: with 15 objects 0.2 CPU s a step.
     Held-out scenes are played without."""
     feasibility: Literal["oracle", "none", ""] = ""
     """Whether Skill refuses skills without a free grasp, or tries them all the same."""
     resume: bool = False
-    """Go on from the last checkpoint; all settings but --steps and --checkpoint-every must be the same."""
+    """Continue from the last checkpoint. All settings except --steps and --checkpoint-every must be the same."""
     json: Path | None = None
     """Write the histories of all runs to this file."""
 

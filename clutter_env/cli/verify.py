@@ -23,11 +23,11 @@ class Arguments:
     file: Annotated[Path, tyro.conf.Positional]
     """The results file of `clutter-env evaluate --json FILE`."""
     policy: str = ""
-    """Also run this policy on fresh scenes; a name as for `clutter-env evaluate`."""
+    """Also run this policy on fresh scenes. Names are those of `clutter-env evaluate`."""
     scenes: int = 20
     """Number of fresh scenes."""
     first_seed: int | None = None
-    """Seed of the first fresh scene; drawn at random if not given, so that no policy can know the scenes."""
+    """Seed of the first fresh scene. Random if not given, so that no policy can know the scenes."""
     trust: bool = False
     """Load models of Stable-Baselines3 (ALGORITHM:FILE.zip), which executes code that is in the file."""
     python: str = ""

@@ -6,10 +6,10 @@
     saved_states  expert/{plan, report, skills, phases}  attributes: id, seed, total_steps, options, task, provenance
 
 Observations and infos have a row for each of the T + 1 states, the others one for each of the T actions. What belongs
-to an action (skill, phase, contact, keyframe) stands in the row of the state before it; in the last row there is none.
+to an action (skill, phase, contact, keyframe) stands in the row of the state before it. The last row has none.
 `infos/skill` and `infos/phase` hold indices into the names in `expert/skills` and `expert/phases`. Every array has the
 attributes `about`, `names` and `units`: what a row is, and name and unit of each of its numbers. `saved_states` are the
-bytes of the full states of all rows, joined and compressed; see `saved_state.join_states`.
+bytes of the full states of all rows, joined and compressed. See `saved_state.join_states`.
 """
 
 from __future__ import annotations

@@ -244,7 +244,7 @@ class ArmReachEnv(ArmEnv):
 
 @dataclass(frozen=True)
 class ArmPickConfig(EnvConfig):
-    """The keyword arguments of `ArmPickEnv`: those of `EnvConfig`; the reward may be "staged" too."""
+    """The keyword arguments of `ArmPickEnv`: those of `EnvConfig`. The reward may be "staged" too."""
 
     @property
     def reward_modes(self) -> tuple[str, ...]:

@@ -35,7 +35,7 @@ TARGET_HEIGHT, OTHER_HEIGHT = (0.040, 0.046), (0.10, 0.12)
 GAP = 0.012
 """[m] between two objects at least."""
 BLOCKED_SHARE = 0.5
-"""Share of scenes with several objects in which one of them is in the way of the target; never are there two."""
+"""Share of scenes with several objects in which one of them is in the way of the target. There are never two."""
 CLOSING = 0.75
 """Share of the grasping term that fingers earn which have closed on the target and do not hold it yet."""
 CLEAR_GAP, CLEAR_LIFT = 0.03, 0.10
@@ -44,12 +44,12 @@ the gripper begins to be put down."""
 LOWEST = 0.04
 """[m] above the table to which actions move the TCP: at full speed the fingertips stop above the table."""
 STEP = 0.03
-"""[m] by which a full action moves the pose that the TCP follows in a step; the TCP is at most 0.05 m behind it."""
+"""[m] by which a full action moves the pose that the TCP follows in a step. The TCP is at most 0.05 m behind it."""
 AGILE = 2.0
 """Acceleration limits of the arm as multiples of those of ArmPick: with these the TCP stays within 1.5 cm of a straight
 line, otherwise within 3 cm."""
 TURN = 0.25
-"""[rad] by which a full action turns the gripper in a step; with `turns`."""
+"""[rad] by which a full action turns the gripper in a step, with `turns`."""
 
 _MOST_DRAWS = 2000
 _LENGTH = ("0.1 m", POSITION_BOUND / UNIT)
@@ -100,13 +100,13 @@ class ArmRetrieveConfig(EnvConfig):
     """The keyword arguments of `ArmRetrieveEnv`: those of `EnvConfig`, and three of its own.
 
     Raises:
-        ConfigError: see `EnvConfig`; or a value that this environment fixes.
+        ConfigError: see `EnvConfig`, or a value that this environment fixes.
     """
 
     num_objects: int = 1
     control_mode: str = "ee"
     object_set: str = "low"
-    """Widths and masses are those of "low" objects; heights are `TARGET_HEIGHT` and `OTHER_HEIGHT`."""
+    """Widths and masses are those of "low" objects. Heights are `TARGET_HEIGHT` and `OTHER_HEIGHT`."""
     reward_mode: str = "staged"
     object_order: str = "relevance"
     """Order of the objects in an observation, one of `OBJECT_ORDERS`."""
@@ -135,9 +135,9 @@ class ArmRetrieveConfig(EnvConfig):
 class ArmRetrieveEnv(DownwardArm, StagedRetrieveEnv):
     """Lift the target 0.10 m and hold it there for 0.5 s, from above, with a base that does not move.
 
-    An action is that of `DownwardArm`, or with `turns` three numbers more before the gripper's; but a full one moves
-    the pose that the TCP follows by `STEP`, and that pose stays when the action is zero. The observation is one vector,
-    `arm_retrieve_layout`, under "observation". Success, info and reset options are those of `RetrieveEnv`;
+    An action is that of `DownwardArm`, with `turns` three numbers more before the gripper's. A full action moves the
+    pose that the TCP follows by `STEP`. That pose stays when the action is zero. The observation is one vector,
+    `arm_retrieve_layout`, under "observation". Success, info and reset options are those of `RetrieveEnv`.
     `info["reward_terms"]` has the terms of the staged reward. The episode ends with success, and as soon as success has
     become impossible: with success="clean" when something has fallen, been disturbed or pressed too hard.
 
@@ -166,7 +166,7 @@ class ArmRetrieveEnv(DownwardArm, StagedRetrieveEnv):
         return MappingProxyType({"observation": self._shown})
 
     def standing(self, scene: TableScene | None = None) -> Standing:
-        """The objects of the present state as they stand, or those of a scene; centres in the world."""
+        """The objects of the present state as they stand, or those of a scene, with centres in the world."""
         if scene is None:
             scene, poses = self.world.scene, self.measurements.poses
             tops = poses[:, 2] + scene.half_extents[:, 2] - TABLE_HEIGHT
@@ -224,7 +224,7 @@ class ArmRetrieveEnv(DownwardArm, StagedRetrieveEnv):
         raise OptionError(f"no scene was found in {_MOST_DRAWS} draws; ask for fewer objects")
 
     def _draw_places(self, scene: TableScene) -> NDArray[np.float64] | None:
-        """Places (n, 2) in reach of the gripper, `GAP` apart; None if the draw has an overlap."""
+        """Places (n, 2) in reach of the gripper, `GAP` apart. None if the draw has an overlap."""
         half = np.array(GOAL_RANGE[:2])
         places = self.origin_of(scene)[:2] + self.np_random.uniform(-half, half, (scene.num_objects, 2))
         distances = np.hypot(*(places[:, None] - places).transpose(2, 0, 1))
@@ -233,7 +233,7 @@ class ArmRetrieveEnv(DownwardArm, StagedRetrieveEnv):
         return None if np.count_nonzero(is_close) > scene.num_objects else places
 
     def origin_of(self, scene: TableScene) -> NDArray[np.float64]:
-        """Where the TCP starts in a scene, (3,) [m] in the world."""
+        """Position of the TCP at the start of a scene, (3,) [m] in the world."""
         x, y, _ = scene.base.tolist()
         return np.asarray(self._tcp_at_start + (x, y, 0.0))
 
@@ -273,7 +273,7 @@ class ArmRetrieveEnv(DownwardArm, StagedRetrieveEnv):
     # Observation, actions, saved states.
 
     def _heading(self) -> float:
-        """[rad] of the gripper's own z axis, across which its fingers open, in the plane; 0 unless it is turned."""
+        """[rad] of the gripper's own z axis, across which its fingers open, in the plane. 0 unless it is turned."""
         if not self.config.turns:
             return 0.0
         _, _, _, y_x, y_y, *_ = self.data.site_xmat[self.world.index.tcp_site].reshape(3, 3).T.ravel().tolist()

@@ -79,7 +79,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     has_target: ClassVar[bool] = True
     """Whether one of the objects, if there are any, is the target."""
     opens: ClassVar[tuple[str | None, ...]] = (None,)
-    """What may open in the layouts of this task: values of `Layout.opens`."""
+    """Drawers or doors that the layouts of this task may have: values of `Layout.opens`."""
     _shows_goal: ClassVar[bool] = True
     """Whether the target's goal is part of the observation."""
     task_modules: ClassVar[tuple[str, ...]] = ()

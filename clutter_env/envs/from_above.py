@@ -37,8 +37,8 @@ Array = NDArray[np.float64]
 
 
 class Nearness(NamedTuple):
-    """How near a gripper is to the grasp of an object, how far the object is between its fingers, and how far they have
-    closed on it there, each 0 to 1."""
+    """Progress of a grasp, each 0 to 1: nearness of the gripper to it, of the object to its place between the fingers,
+    and how far they have closed."""
 
     near: float
     around: float
@@ -85,7 +85,7 @@ class Standing:
         return float(self.half_widths[index]) + FINGER_ROOM + FINGER_THICKNESS
 
     def nearness(self, index: int, lowest: float, tcp: Sequence[float], width: float, widest: float) -> Nearness:
-        """How near an open or closing gripper is to the grasp of an object.
+        """Nearness of an open or closing gripper to the grasp of an object.
 
         Near is measured along the way from above: a gripper low beside an object is far from its grasp. Half of it is
         for fingers that are open enough, or have the object between them.

@@ -1,9 +1,9 @@
-"""What is to be done in an episode as an English sentence: in the observation, and in the info.
+"""Goals of episodes as English sentences: in the observation, and in the info.
 
 `gym.make(..., instruction=True)` makes any environment of the package so. Here are the entry points of all ids.
 
-Goals for which there are words are said by `planners.goals.Goal.sentence`, which `goals.from_sentence` reads again; the
-others, points that a gripper or an object is to reach, by templates.
+`planners.goals.Goal.sentence` writes goals that have facts, and `goals.from_sentence` reads them again. Templates write
+the others: points that a gripper or an object must reach.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _VECTOR = "observation"
 
 
 class Instructed(gym.Env[Any, Any]):
-    """What an environment with instructions has beside its own class."""
+    """Mixin of an environment with instructions."""
 
     def __init__(self, **keywords: Any) -> None:
         super().__init__(**keywords)  # that of the environment, which follows in the order of the bases
@@ -41,7 +41,7 @@ class Instructed(gym.Env[Any, Any]):
         self.observation_space = spaces.Dict({**self._entries(self.observation_space), NAME: text})
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """As of the environment itself; the sentence is that of the new episode.
+        """Reset the environment. The sentence is that of the new episode.
 
         Raises:
             OptionError: also for a goal whose sentence is longer than `LONGEST`, or has other characters than `SIGNS`.
@@ -56,7 +56,7 @@ class Instructed(gym.Env[Any, Any]):
         return self._told(observation), reward, terminated, truncated, {**info, NAME: self._sentence}
 
     def restore_state(self, state: bytes) -> None:
-        """As of the environment itself; the sentence is that of the saved episode."""
+        """Restore the environment. The sentence is that of the saved episode."""
         super().restore_state(state)  # type: ignore[misc]  # that of the environment
         self._sentence = sentence(self)
 
@@ -79,7 +79,7 @@ class Instructed(gym.Env[Any, Any]):
 
 
 def sentence(env: gym.Env[Any, Any]) -> str:
-    """What is to be done in the present episode of an environment, in English.
+    """The goal of the present episode of an environment, in English.
 
     Raises:
         OptionError: there are no words for the goal, see `Instructed.reset`.
@@ -108,7 +108,7 @@ _CLASSES: dict[type[gym.Env[Any, Any]], Any] = {}
 
 
 def _instructed(kind: type[gym.Env[Any, Any]]) -> Any:
-    """The class of environments of a kind with instructions; it has the kind's name, and so shares its saved states."""
+    """The class of environments of a kind with instructions. It has the kind's name, and so shares its saved states."""
     if kind not in _CLASSES:
         _CLASSES[kind] = type(kind.__name__, (Instructed, kind), {"__doc__": kind.__doc__})
     return _CLASSES[kind]
@@ -128,7 +128,7 @@ def _unmade(kind: type[gym.Env[Any, Any]]) -> gym.Env[Any, Any]:
 
 @dataclass(frozen=True)
 class EntryPoint:
-    """What Gymnasium calls for an id; the environment's module is imported when one is made.
+    """Entry point of Gymnasium for an id. The environment's module is imported when one is made.
 
     Attributes:
         module: of `clutter_env.envs`.

@@ -3,8 +3,8 @@
     env = KeyframeActions(gym.make("clutter_env/Retrieve-o5-v0"))
     observation, reward, terminated, truncated, info = env.step(keyframe)
 
-A keyframe is where base, torso, arm and fingers should be next; the environment's own controller goes there, all joints
-in time with the slowest one. Demonstrations in this form: `clutter_env.data.keyframes`.
+A keyframe is the next configuration of base, torso, arm and fingers. The environment's own controller goes there, with
+all joints synchronised to the slowest one. Demonstrations in this form: `clutter_env.data.keyframes`.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ class KeyframeActions(gym.Wrapper[Any, Any, Any, Any]):
     """An environment with joint control whose action is the next whole-body keyframe.
 
     An action is (5 + n,): base x, y [m] and yaw [rad] in the world, torso [m] and arm [rad], and the position [m] of
-    each finger of the gripper, 0 closed; of several arms that act, those of the others after those of the active one,
-    and one finger position for each gripper. The base turns the short way round. A step ends when the
-    keyframe is reached, when the robot is stuck, after `MOST_STEPS`, or with the episode; its reward is the sum of
-    those of its control steps. The info is that of the last one, and
+    each finger of the gripper, 0 closed. If several arms act, the joints of the others follow those of the active one,
+    and each gripper has one finger position. The base turns the short way round. A step ends when the keyframe is
+    reached, when the robot is stuck, after `MOST_STEPS`, or with the episode. Its reward is the sum of those of its
+    control steps. The info is that of the last one, and
 
     - `control_steps` (int): how many there were.
     - `reached` (bool): whether joints and commanded fingers are where the keyframe has them.
@@ -72,10 +72,10 @@ class KeyframeActions(gym.Wrapper[Any, Any, Any, Any]):
         return np.concatenate((state.target, state.fingers))
 
     def step(self, action: ArrayLike) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Go to a keyframe; beyond the limits of joints and fingers to the nearest one within them.
+        """Go to a keyframe, or to the nearest one within the limits of joints and fingers.
 
         Raises:
-            ActionError: not a finite vector of the right shape, or `reset` has not been called; nothing has changed.
+            ActionError: not a finite vector of the right shape, or `reset` has not been called. Nothing has changed.
         """
         self._inner.check_started("step()")
         count = len(self._limits)
@@ -109,7 +109,7 @@ class KeyframeActions(gym.Wrapper[Any, Any, Any, Any]):
         return np.array(inner.data.qpos[inner.world.index.drive_qpos])
 
     def _on_the_way(self, goal: Array) -> Array:
-        """Where the joints' targets are one step farther on the straight line to the goal, slow enough to brake."""
+        """The joints' targets one step farther on the straight line to the goal, slow enough to brake."""
         start = self._inner.world.controller.state.target
         size = np.abs(goal - start)
         speed = np.minimum(self._limits, np.sqrt(2 * self._braking * size))

@@ -49,11 +49,11 @@ class OpenEnv(ClutterTaskEnv):
     """A mobile manipulator in front of a closed drawer or door, with objects behind it.
 
     It is open when its joint has been at 80% of its range or beyond for 0.5 s. The robot may still hold the handle or
-    have let go. With `success="clean"` nothing may have toppled or travelled other than in the air, in the gripper, and
-    the robot may not have pressed hard on the furniture. Objects in a drawer move with it, and fingers may pull at
-    the handle with any force, see `success`. Keyword arguments are the fields of `OpenConfig`. Reset options: `objects`
-    and `state`. The info has the keys of `RetrieveEnv`'s. `lifted` says that it is open, whatever else has happened,
-    and `target` is "". The episode ends with success or, with `terminate_on_fallen`, when an object has fallen.
+    have let go. With `success="clean"` nothing may have toppled, or travelled other than in the air, in the gripper.
+    The robot may not have pressed hard on the furniture. Objects in a drawer move with it, and fingers may pull at the
+    handle with any force, see `success`. Keyword arguments are the fields of `OpenConfig`. Reset options: `objects` and
+    `state`. The info has the keys of `RetrieveEnv`'s. `lifted` says that it is open, whatever else has happened, and
+    `target` is "". The episode ends with success or, with `terminate_on_fallen`, when an object has fallen.
 
     Example:
         >>> import gymnasium as gym, clutter_env

@@ -58,13 +58,13 @@ class RearrangeConfig(EnvConfig):
 
     num_objects: int = 8
     layout: Any = ""
-    """Table and surroundings, as in `EnvConfig`; that of the task if not given."""
+    """Table and surroundings, as in `EnvConfig`. Those of the task if not given."""
     object_set: str = ""
-    """Sizes and masses of random objects; those of the task if not given."""
+    """Sizes and masses of random objects. Those of the task if not given."""
     shapes: str = ""
-    """Shapes of the objects; those of the task if not given."""
+    """Shapes of the objects. Those of the task if not given."""
     task: str = "sort"
-    """What is to be done: a name in `TASKS`."""
+    """Name of the task, in `TASKS`."""
 
     def __post_init__(self) -> None:
         check_choice("task", self.task, TASKS)
@@ -128,9 +128,9 @@ class RearrangeEnv(ClutterTaskEnv):
     goal that do not hold). `lifted` says that the goal holds, whatever else has happened. `target` is "".
 
     The goal is reached when it has held for 0.5 s while the robot touches no object that the goal places. With
-    `success="clean"` every object that had to move was carried, nothing may have toppled or travelled other than in the
-    air, in the gripper, and the robot may not have pressed hard on the furniture, see `success`.
-    The episode ends with success, or when an object of the goal has fallen off all supports.
+    `success="clean"` every object that had to move was carried. Nothing may have toppled, or travelled other than in
+    the air, in the gripper. The robot may not have pressed hard on the furniture, see `success`. The episode ends with
+    success, or when an object of the goal has fallen off all supports.
 
     Example:
         >>> import gymnasium as gym, clutter_env

@@ -39,7 +39,7 @@ def relevance_order(positions: ArrayLike, target: int) -> tuple[int, ...]:
     Equally distant ones keep their order.
 
     Args:
-        positions: (n, 2) or (n, 3) [m]; only the first two columns count.
+        positions: (n, 2) or (n, 3) [m]. Only the first two columns count.
         target: index of the target.
     """
     offsets = np.asarray(positions, np.float64)[:, :2] - np.asarray(positions, np.float64)[target, :2]
@@ -59,8 +59,8 @@ def relevant_rows(
 ) -> NDArray[np.float32]:
     """The entry "objects" of observations, in the order of relevance.
 
-    "position" is relative to the target, that of the target itself to the base; "from_tcp" is relative to the TCP.
-    Rows without an object stay zero. It works on one observation and on those of a whole episode alike.
+    "position" is relative to the target, that of the target itself to the base. "from_tcp" is relative to the TCP. Rows
+    without an object stay zero. It works on one observation and on those of a whole episode alike.
 
     Args:
         objects: (..., n k), rows in the order of the slots.
@@ -84,7 +84,7 @@ def relevant_rows(
 
 @dataclass(frozen=True)
 class RelevantConfig(EnvConfig):
-    """The keyword arguments of `RelevantRetrieveEnv`: those of `EnvConfig`; the reward may be "staged" too."""
+    """The keyword arguments of `RelevantRetrieveEnv`: those of `EnvConfig`. The reward may be "staged" too."""
 
     @property
     def reward_modes(self) -> tuple[str, ...]:
@@ -93,9 +93,9 @@ class RelevantConfig(EnvConfig):
 
 
 class StagedRetrieveEnv(RetrieveEnv):
-    """What the retrieval environments for learners share: an order of the objects, and the staged reward.
+    """Base of the retrieval environments for learners: an order of the objects, and the staged reward.
 
-    The order is that of an episode's first state; saved states keep it. With reward_mode="staged" the reward is that of
+    The order is that of an episode's first state. Saved states keep it. With reward_mode="staged" the reward is that of
     `staged_reward`, and the info has its terms, `reward_terms`.
     """
 
@@ -165,9 +165,9 @@ class StagedRetrieveEnv(RetrieveEnv):
 
 
 class RelevantRetrieveEnv(StagedRetrieveEnv):
-    """`RetrieveEnv` whose observation has the objects in the order of relevance; see `relevant_rows`.
+    """`RetrieveEnv` whose observation has the objects in the order of relevance. See `relevant_rows`.
 
-    `gym.make("clutter_env/Retrieve-o5-v0", object_order="relevance")` makes one; the reward may be "staged" too.
+    `gym.make("clutter_env/Retrieve-o5-v0", object_order="relevance")` makes one. The reward may be "staged" too.
     Everything else is as there.
     """
 
@@ -175,7 +175,7 @@ class RelevantRetrieveEnv(StagedRetrieveEnv):
 
     @property
     def observation_layout(self) -> Mapping[str, EntryLayout]:
-        """The layout of the observation's entries; rows of "objects" have three columns more."""
+        """The layout of the observation's entries. Rows of "objects" have three columns more."""
         layout = super().observation_layout
         return MappingProxyType({**layout, "objects": relevant_layout(layout["objects"])})
 

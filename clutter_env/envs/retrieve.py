@@ -65,9 +65,9 @@ class RetrieveEnv(ClutterTaskEnv):
 
     Keyword arguments are the fields of `EnvConfig`. Reset options: `target` (an object's name), `objects` (an explicit
     scene, see `reset_options.explicit_scene`), `state` (bytes from `save_state`), `base` (x, y [m], yaw [rad] of a
-    robot with base="fixed"). With `success="clean"` the task is done only if nothing has fallen or been disturbed and
-    the robot has not pressed hard on the furniture, with "lifted" in any case, see `success`. The info of `reset` and
-    of every step has:
+    robot with base="fixed"). With `success="clean"` the task is done only if no object has fallen or been disturbed,
+    and the robot has not pressed hard on the furniture. With "lifted" it is done in any case, see `success`. The info
+    of `reset` and of every step has:
 
     - `is_success` (bool): the task is done. `lifted` (bool): the target is lifted, whatever else has happened.
     - `target`, `held` (str): names of the target and of the held object, "" without it.

@@ -56,17 +56,17 @@ class SearchConfig(EnvConfig):
     segmentation: bool = True
     image_size: int = 192
     head: str = ""
-    """As in `EnvConfig`; "commanded" if not given and the robot's head moves."""
+    """As in `EnvConfig`. "commanded" if not given and the robot's head moves."""
     visible_fraction: float = 0.0
     """Largest share of the target's silhouette that the observed cameras may see from where they are at the start, the
     robot's own body left out."""
     mask_errors: float = 0.0
-    """Probability that an object's mask is missed, the same that it is merged with a neighbour's, the same that its
-    edge is jagged; drawn anew for every image."""
+    """Probability that an object's mask is missed. The same holds for a mask that is merged with a neighbour's, and for
+    a jagged edge. They are drawn again for every image."""
     depth_noise: float = 0.0
     """[m] standard deviation of the noise of each pixel's depth."""
     frame_every: int = 1
-    """Control steps from one image to the next; in between the last one is shown again."""
+    """Control steps from one image to the next. In between the last one is shown again."""
 
     def __post_init__(self) -> None:
         if self.head == "":

@@ -5,12 +5,12 @@ grasp), `around` (how far the object is between the fingers), `grasp` (how far t
 and `goal`: how near a held object is to its goal. Held at the goal a step earns 1, and the episode goes on.
 
 An object that is at its goal without being held earns nothing for it. Otherwise the episodes that begin there, 6
-of 100, would earn 1 a step whatever the hand does: a critic then tells values by the distance of object and goal, which
-are 20 beside 0.5, and not by the hand (docs/notes/learning.md has what was measured).
+of 100, would earn 1 a step whatever the hand does. A critic then tells values by the distance of object and goal, which
+are 20 compared with 0.5, and not by the hand. The measurements are in docs/notes/learning.md.
 
-Finishing beats hovering, for every discount γ < 1, the time limit being truncation: hovering at a level h < 1 for ever
-earns h / (1 - γ); k steps of at least h, and holding the object at the goal from then on, earn at least
-(h (1 - γ^k) + γ^k) / (1 - γ), which is more, for every k.
+Finishing beats hovering, for every discount γ < 1, if the time limit is truncation. Hovering at a level h < 1 for ever
+earns h / (1 - γ). k steps of at least h, and holding the object at the goal from then on, earn at least (h (1 - γ^k) +
+γ^k) / (1 - γ), which is more, for every k.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ GOAL_SCALE = 5.0
 
 
 def pick_terms(nearness: Nearness, is_held: bool, distance: float) -> dict[str, float]:
-    """The weighted terms of a state, by their names; their sum is less than 1 away from the goal.
+    """The weighted terms of a state, by their names. Their sum is less than 1 away from the goal.
 
     Args:
         nearness: of the gripper to the grasp of the object.

@@ -29,10 +29,10 @@ from types import MappingProxyType
 DISCOUNT = 0.98
 """Γ, the largest discount that the staged reward is made for."""
 SUCCESS = 1.0 / (1.0 - DISCOUNT)
-"""What the step of success earns."""
+"""Reward of the step of success."""
 
 WAY_WEIGHT = 0.3
-"""Weight of the term `way` where there are other objects; alone the target has nothing in its way."""
+"""Weight of the term `way` if there are other objects. A single target has nothing in its way."""
 STAGE_WEIGHTS: Mapping[str, float] = MappingProxyType(
     {"reach": 0.15, "around": 0.1, "grasp": 0.4, "lift": 0.3, "hold": 0.05}
 )
@@ -47,7 +47,7 @@ def staged_reward(terms: Mapping[str, float], is_success: bool) -> float:
 def stage_terms(
     way: float, reach: float, around: float, grasp: float, lift: float, hold: float, num_objects: int
 ) -> dict[str, float]:
-    """The weighted terms of a state, by their names; their sum is 1 at most.
+    """The weighted terms of a state, by their names. Their sum is 1 at most.
 
     Args:
         way: 1 if nothing is in the way of the target, less otherwise.

@@ -1,7 +1,7 @@
-"""The audit of a suite: what is won there without looking, and what its scenes can show.
+"""The audit of a suite: the scenes won without looking, and the differences that its scenes can show.
 
-A score says little where a policy that sees nothing comes near it, where another draw of scenes gives another score, or
-where the difference from the next policy is smaller than so many scenes can show.
+A score says little in three cases. A policy that sees nothing comes near it. Another draw of scenes gives another
+score. Or the difference from the next policy is too small for this number of scenes.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Played:
     Attributes:
         policy: what it sees, in words.
         clean: clean success on the scenes.
-        share: of the expert's success; 0 where that has none.
+        share: of the expert's success. 0 if the expert has none.
         is_blind: whether it sees nothing of the scene.
     """
 
@@ -45,18 +45,18 @@ class Played:
 
 @dataclass(frozen=True)
 class Audit:
-    """What was found of a suite.
+    """Findings about a suite.
 
     Attributes:
         suite: its name.
         scenes: number that were played, the first ones of the test split.
         demonstrations: of the expert on the validation split that were clean successes.
-        expert: its name, and `expert_clean` its success on the first of the same scenes, as many as the plan says; in
+        expert: its name, and `expert_clean` its success on the first of the same scenes, as many as the plan says. In
             its demonstrations if the plan says 0.
         played: the policies that see less, or know little.
-        spread: over other suites by the same rules; None if none were drawn.
+        spread: over other suites by the same rules. None if none were drawn.
         fewest_won: see `paired.fewest_won`, for this number of scenes.
-        shown: the smallest difference below the expert that this number of scenes shows; see `paired.smallest_shown`.
+        shown: the smallest difference below the expert that this number of scenes shows. See `paired.smallest_shown`.
     """
 
     suite: str
@@ -119,11 +119,11 @@ def audit(suite: str, plan: AuditPlan, tick: Callable[[], object] = lambda: None
 
 
 class Outcomes:
-    """Which scenes the policies of an audit win.
+    """The scenes that the policies of an audit win.
 
-    They play in this process, and are scored as they play: they are the package's own, so that the replay in another
-    process, which `evaluate` makes of every episode, would double the time for nothing. Several of them play the same
-    demonstration in a scene; it is played once.
+    They play in this process, and are scored as they play. They are the package's own policies. So the replay in
+    another process that `evaluate` makes of every episode would only double the time. If several of them play the same
+    demonstration in a scene, it is played once.
     """
 
     def __init__(self, scenes: SceneSet) -> None:

@@ -1,8 +1,8 @@
 """Policies that see less than the scene, made of demonstrations: what they win can be won without looking.
 
 With its observations zeroed, every deterministic policy is one sequence of actions: `blind` finds the best of several.
-`robot_only` sees the robot alone, and `nearest` the whole first observation; both play what was demonstrated where
-that looked most alike.
+`robot_only` sees the robot alone, and `nearest` the whole first observation. Both play the demonstration with the most
+similar observation.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class Demonstrations:
 
 
 class Replay:
-    """Plays the demonstration whose first observation is nearest in some of its entries; without entries, the first.
+    """Plays the demonstration whose first observation is nearest in some of its entries. Without entries, the first.
 
     Attributes:
         env_keywords: of the demonstrations' environment.

@@ -34,7 +34,7 @@ from clutter_env.reporting.files import JsonLines, read_json, write_atomically
 from clutter_env.reporting.intervals import Interval, wilson
 
 PLANNER = ("planners",)
-"""What a policy may not import, unless its entry declares it."""
+"""Packages that a policy may import only if its entry declares it."""
 _SEEDS = range(10_000_000, 2**31)
 """Fresh scenes have seeds from these, after those of all suites."""
 _NONCE = 32
@@ -94,16 +94,16 @@ class Challenge:
 
 @dataclass(frozen=True)
 class Checked:
-    """What was found of a challenge's results.
+    """Findings about a challenge's results.
 
     Attributes:
         challenge: which one.
         replay: of the recorded actions.
         problems: one sentence for everything that is not as it should be.
-        same: of the scenes that the policy played again, those with the same actions; None if it was not run.
+        same: of the scenes that the policy played again, those with the same actions. None if it was not run.
         again: scenes that it played again.
-        draws: in the ledger, of this entry; the scenes of all but this one are failures.
-        starts: how often the draw has begun to be played; more than once where runs ended before their last scene.
+        draws: of this entry in the ledger. The scenes of all other draws are failures.
+        starts: how often the draw has begun to be played. More than once if runs ended before their last scene.
         earlier: other entries under the policy's name for this suite, in the ledger before this one.
         clean: clean success over all draws.
     """
@@ -179,7 +179,7 @@ def draw(challenge: Challenge, workers: int = 1, tick: Callable[[], object] = la
 def new_challenge(
     entry: Entry, ledger: Path, file: Path, workers: int = 1, tick: Callable[[], object] = lambda: None
 ) -> Challenge:
-    """Draw a nonce for an entry, write both into the ledger, and the scenes into a file; see the module's text.
+    """Draw a nonce for an entry, write both into the ledger, and the scenes into a file. See the module's text.
 
     Raises:
         OSError: a file cannot be written. What is in the ledger by then counts.
@@ -256,7 +256,7 @@ def check(
 
     Args:
         file, results, ledger: the challenge, its results file, and the verifier's ledger.
-        again: scenes that the policy plays again; 0 for none, and then nothing is measured.
+        again: scenes that the policy plays again. With 0 nothing is measured.
         workers: number of processes.
         tick: called after every episode that is replayed.
         chosen: more arguments of `clutter_env.evaluation.evaluate.evaluate`.
@@ -303,7 +303,7 @@ def check(
 
 
 def _replayed(results: Path, content: Mapping[str, Any], workers: int, tick: Callable[[], object]) -> Verification:
-    """The replay of results; where their scenes cannot be read, that is what is wrong with them."""
+    """The replay of results. If their scenes cannot be read, this is the problem found."""
     try:
         return verify(results, workers, tick)
     except SuiteError as problem:
@@ -337,7 +337,7 @@ class Ledger:
         self._append("started", commitment=challenge.commitment)
 
     def starts(self, challenge: Challenge) -> int:
-        """How often a draw has begun to be played."""
+        """Number of times that a draw has begun to be played."""
         return sum(kind == "started" and row["commitment"] == challenge.commitment for kind, row in self._rows)
 
     def first_started(self, policy: str, suite: str) -> str | None:
@@ -361,11 +361,11 @@ class Ledger:
 
     @property
     def played(self) -> dict[str, str]:
-        """The digests of the results of the draws that were played, by their commitments; "" where none was noted."""
+        """The digests of the results of the draws that were played, by their commitments. "" if none was noted."""
         return {row["commitment"]: row.get("digest", "") for kind, row in self._rows if kind == "played"}
 
     def entries_before(self, entry: Entry) -> int:
-        """How many other entries there are of a policy of that name for that suite, before this one."""
+        """Number of earlier entries of a policy of that name for that suite."""
         found = 0
         for kind, row in self._rows:
             if kind == "entry" and row["digest"] == entry.digest:

@@ -36,7 +36,7 @@ class Comparison:
 
     Attributes:
         scene_sets: every policy plays those of them that it can play.
-        policies: names for `load_policy`; a training run plays the sets with as many objects as it was trained on.
+        policies: names for `load_policy`. A training run plays the sets with as many objects as it was trained on.
             `CONTROLS` play in any case.
         seed: of the built-in random policies and of the bootstrap.
         feasibility: of the Skill environment, for policies that act by skills.
@@ -84,7 +84,7 @@ class Comparison:
 def compare(
     comparison: Comparison, records: ResultRecords | None = None, *, workers: int = 1, ray: str = "", **more: Any
 ) -> list[Row]:
-    """Evaluate every policy on every set of scenes; runs that differ in their seeds form one row.
+    """Evaluate every policy on every set of scenes. Runs that differ in their seeds form one row.
 
     Args:
         comparison: the policies and the scenes.
@@ -114,7 +114,7 @@ def run_names(policies: Iterable[str]) -> dict[str, str]:
     """The name in a table of each policy that is a training run, by its own name.
 
     It is that of the algorithm. Runs of the same algorithm that differ in more than their seeds also have the names of
-    their directories; other policies are left out. Raises `LearningError` for a run and its copy.
+    their directories. Other policies are left out. Raises `LearningError` for a run and its copy.
     """
     groups: dict[str, list[str]] = {}
     found: dict[str, str] = {}

@@ -1,6 +1,6 @@
 """`evaluate(policy, scenes)`: episodes of a policy on fixed scenes, and their scores.
 
-The commands `evaluate` and `compare` print its results; an interrupted evaluation goes on with its file of records.
+The commands `evaluate` and `compare` print its results. An interrupted evaluation continues with its file of records.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from clutter_env.task import Task
 
 ResultT = TypeVar("ResultT", "Played", Floor)
 EPISODE_S = 4.0
-"""[s] About what an episode with 15 objects takes, its replay included; means of policies and suites are 2 to 40."""
+"""[s] Approximate time of an episode with 15 objects, its replay included. Means of policies and suites are 2 to 40."""
 _HINT = "--count-crashes counts such episodes as failures"
 
 
 class Played(NamedTuple):
-    """An episode: its score, and the recording from which the score was made; None of a crash."""
+    """An episode: its score, and the recording from which the score was made, which is None after a crash."""
 
     score: Score
     recording: Recording | None
@@ -55,8 +55,8 @@ class Evaluation:
         traits: what the policy is: its track, and the grasps by whose lower bounds its results are broken down.
         weights: SHA-256 of the files of the policy, by their names.
         episodes: of the scenes, in their order.
-        floors: lower bounds of the scenes for these grasps; empty where they are not known, as outside the suites.
-        provenance: version, commit, packages and digest of the environment; see `clutter_env.provenance`.
+        floors: lower bounds of the scenes for these grasps. Empty if they are not known, as outside the suites.
+        provenance: version, commit, packages and digest of the environment. See `clutter_env.provenance`.
         judged_in: digest of the environment of the replays.
     """
 
@@ -121,7 +121,7 @@ def evaluate(
 ) -> Evaluation:
     """Play all scenes with a policy, and score the replay of its actions.
 
-    A policy that is given by its name plays in a process of its own; see `policy_process`. Its actions are recorded and
+    A policy that is given by its name plays in a process of its own. See `policy_process`. Its actions are recorded and
     played again in a fresh environment of the scene, in a process in which no policy has run: the score is that of this
     replay. What a policy does to its own environment does not count.
 
@@ -135,18 +135,18 @@ def evaluate(
         trust, python: for policies of Stable-Baselines3 and of LeRobot, see `load_policy`.
         without: modules that a policy which is given by its name may not import.
         workers: number of processes that score, each with one for the policy.
-        ray: address of Ray; "" for processes of this machine.
-        count_crashes: an exception of the policy is a failed episode; otherwise it ends the evaluation.
-        records: file to which every score is written at once; those that are in it are not made again.
+        ray: address of Ray, or "" for processes of this machine.
+        count_crashes: whether an exception of the policy is a failed episode. Otherwise it ends the evaluation.
+        records: file to which every score is written at once. Scores that are in it are not made again.
         begin: called when the policy has been loaded and fits the scenes, before the first episode.
         tick: called after every episode.
 
     Raises:
         SuiteError: no such suite or split, or a scene is not the one that the suite was made with.
         PolicyError: no such policy, or it cannot play these scenes.
-        PolicyCrashed: the policy raised an exception in another process, which died, or returned no valid action; an
+        PolicyCrashed: the policy raised an exception in another process, which died, or returned no valid action. An
             exception in this process is not caught.
-        OSError: the scores cannot be written; those written before stay.
+        OSError: the scores cannot be written. Those written before stay.
     """
     job = _Job(
         policy if isinstance(policy, str) else type(policy).__name__, scenes, seed, feasibility, trust, python, without
@@ -199,7 +199,7 @@ def _traits_first(todo: Sequence[tuple[int, PolicyTraits]]) -> Iterator[tuple[in
 
 
 def _checked(result: Any, place: str) -> Any:
-    """The result of a worker; a failure is raised."""
+    """The result of a worker. A failure is raised."""
     if isinstance(result, PolicyCrashed):
         raise PolicyCrashed(f"{place}; {_HINT}\n\n{result}")
     if isinstance(result, ClutterEnvError):
@@ -259,7 +259,7 @@ def _complete(
 def _play_here(
     job: _Job, missing: Iterable[int], env: gym.Env, policy: AnyPolicy, traits: PolicyTraits, count_crashes: bool
 ) -> Iterator[tuple[int, Played]]:
-    """Play in this process, one scene after the other; the replays are scored in another one."""
+    """Play in this process, one scene after the other. The replays are scored in another process."""
     crashed: list[tuple[int, Played]] = []
 
     def recordings() -> Iterator[tuple[int, Recording]]:
@@ -287,7 +287,7 @@ def _play_here(
 def _play_in_worker(
     job: _Job, task: tuple[int, PolicyTraits | None]
 ) -> PolicyTraits | Played | ClutterEnvError | PolicyCrashed:
-    """Say what the policy is; or play a scene, and score the replay of what was recorded."""
+    """Describe the policy, or play a scene and score the replay of the recording."""
     index, traits = task
     try:
         if _process(job).has_ended:  # by a crash
@@ -355,13 +355,13 @@ def _find_floor(scenes: SceneSet, grasps: str, index: int) -> Floor:
 
 
 class ResultRecords:
-    """The scores in a file, one line per policy and scene; those made so far are found again.
+    """The scores in a file, one line per policy and scene. Those made so far are found again.
 
     Attributes:
         known: the `Played` or `Floor` of each key.
 
     Raises:
-        LearningError: the file is damaged, holds something else, or its scores were made with another version; the
+        LearningError: the file is damaged, holds something else, or its scores were made with another version. The
             message says what differs.
     """
 
@@ -385,7 +385,7 @@ class ResultRecords:
             self._file.append(header)
 
     def add(self, key: str, result: Played | Floor) -> None:
-        """Add a result, and write it to the disk; an `OSError` leaves what was written before."""
+        """Add a result, and write it to the disk. After an `OSError` the earlier results stay."""
         if isinstance(result, Floor):
             self._file.append({"key": key, "floor": result})
         elif result.recording is not None:
@@ -394,7 +394,8 @@ class ResultRecords:
 
 
 def _keys(job: _Job, made_with: Mapping[str, Any]) -> list[str]:
-    """Identify the results of the scenes; a policy of changed files, a changed suite or environment plays again."""
+    """Identify the results of the scenes. If the policy's files, the suite or the environment changed, it plays
+    again."""
     parts, wanted = (made_with["environment"], policy_files(job.policy)), job.scenes
     digests = [hashlib.sha256(json.dumps(part, sort_keys=True).encode()).hexdigest()[:16] for part in parts]
     where = f"{wanted.suite} {suite(wanted.suite).digest} {wanted.split}" if wanted.suite else ""

@@ -1,4 +1,4 @@
-"""Comparison of two policies on the same scenes: what is significant, and what so many scenes can show at all."""
+"""Comparison of two policies on the same scenes: significant differences, and those that so many scenes can show."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def pairs_of(contents: Sequence[Mapping[str, Any]]) -> list[Pair]:
 
 
 def _scenes(content: Mapping[str, Any]) -> tuple[Any, ...]:
-    """What two results files share that are of the same scenes."""
+    """Comparison of two results files of the same scenes."""
     by_seed = () if content["suite"] else (content["env_id"], content["first_seed"], content["objects"])
     return content["suite_sha256"], content["split"], content["scenes"], *by_seed
 
@@ -123,15 +123,15 @@ def fewest_won(scenes: int) -> int | None:
 def smallest_shown(scenes: int, rate: float) -> float | None:
     """The smallest difference below a rate that a paired test shows in `POWER` of the comparisons.
 
-    The outcomes of the two policies on a scene are taken to be independent, which is the worse case: on scenes that are
-    hard for both, fewer are discordant.
+    The outcomes of the two policies on a scene are taken to be independent. This is the worse case, since fewer scenes
+    are discordant if the same scenes are hard for both.
 
     Args:
         scenes: number of scenes.
         rate: success of the better policy.
 
     Returns:
-        The difference; None if not even a policy that never succeeds is told apart.
+        The difference. None if even a policy that never succeeds cannot be told apart.
     """
     if _power(scenes, rate, 0.0) < POWER:
         return None
@@ -161,8 +161,8 @@ def _power(scenes: int, rate: float, other: float) -> float:
 
 @cache
 def _needed(scenes: int) -> NDArray[np.int64]:
-    """The scenes that one policy must win of each number of discordant ones, (scenes + 1,); more than there are: none
-    suffices."""
+    """The scenes that one policy must win of each number of discordant ones, (scenes + 1,). A number above the scenes
+    says that none suffices."""
     found = [0]
     for total in range(scenes + 1):  # one discordant scene more needs at most one more
         least = found[-1]

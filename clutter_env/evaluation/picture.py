@@ -21,13 +21,14 @@ _TICKS = 0.2
 _WIDTH = 11.0
 """[inch]"""
 _WITHIN = 0.26
-"""Largest distance of a mark from the middle of its line; lines are 1 apart."""
+"""Largest distance of a mark from the middle of its line. Lines are 1 apart."""
 _CLEAN, _LIFTED, _MOVED = "#1f6fb4", "#9a9a9a", "#444444"
 _FLOOR_COLOURS = dict(zip(STRATA, ("#fdbe6f", "#f28e2b", "#d1495b", "#7b2d5b", "#000000", "#bbbbbb"), strict=True))
 
 
 def plot(rows: Sequence[Row], path: Path) -> None:
-    """Draw success, by lower bound too, and objects moved, with 95% intervals; one group of lines per set of scenes."""
+    """Draw success, by lower bound too, and objects moved, with 95% intervals. Each set of scenes has a group of
+    lines."""
     names = list(dict.fromkeys(row.scene_set for row in rows))
     groups = [[row for row in rows if row.scene_set == name] for name in names]
     heights = [_LINE * len(group) + _MARGIN for group in groups]
@@ -81,7 +82,7 @@ def _draw(
     marker: str,
     hollow: bool = False,
 ) -> None:
-    """Marks with intervals, one per line; none where there is no value."""
+    """Marks with intervals, one per line. A missing value has none."""
     shown = [(line + offset, *value) for line, value in enumerate(values) if value and not math.isnan(value.mean)]
     heights, means, low, high = np.array(shown).reshape(-1, 4).T
     axes.errorbar(

@@ -39,11 +39,11 @@ from clutter_env.policies.registry import PolicyTraits, load_policy
 
 ANSWER_LIMIT = 3600.0
 """[s] of wall time after which a policy that does not answer counts as crashed. An answer is an action, or of the
-privileged track a whole episode. The limit ends what hangs; it is too long to decide any result."""
+privileged track a whole episode. The limit ends what hangs. It is too long to decide any result."""
 _MOST_BYTES = 2**26
 """Longest answer that is read."""
 _MOST_NUMBERS = 10_000
-"""Of an action; the largest robot has 19."""
+"""Of an action. The largest robot has 19."""
 _LENGTH = struct.Struct("!Q")
 
 
@@ -67,7 +67,7 @@ class _Answer(NamedTuple):
 
 
 class PolicyProcess:
-    """The process of a policy; itself a policy of the observations track, with `play` for the privileged one.
+    """The process of a policy. It is itself a policy of the observations track, with `play` for the privileged one.
 
     Attributes:
         traits: what the policy is: its track, the environment that it wants, whether it acts by skills.

@@ -1,8 +1,8 @@
 """A choice of questions in which neither an object's colour or place nor the kind of question gives the answer away.
 
-Of obstructed targets, most answers are "no", and what stands far back is reached from fewer sides. So of each kind as
-many questions are kept with each of its commonest answers, about targets and about other objects alike, and of those
-about grasps on each square of the table alike. The rest is not asked.
+Of obstructed targets, most answers are "no", and what stands far back is reached from fewer sides. So each of the
+commonest answers of a kind is kept equally often, for targets and for other objects. For questions about grasps this
+holds on each square of the table. The rest is not asked.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from clutter_env.evaluation.questions import Answer, Question
 
 COMMON: Mapping[str, int] = {"taken now": 2, "fewest": 2, "which": 4, "from where": 4, "touched": 3, "falls": 3}
-"""Answers of each kind of question that are as common as each other; no other one is more common. Of "touched" and
+"""Answers of each kind of question that are as common as each other. No other answer is more common. Of "touched" and
 "falls" it is the number of names that counts: of none there is one answer, of one name as many as objects."""
 ON_SQUARE: Mapping[str, int] = {"taken now": 2, "fewest": 2, "from where": 3}
 """The same among objects that stand on one square of the table."""
@@ -34,7 +34,7 @@ class Asked:
     Attributes:
         question: it.
         is_target: whether it is about the target, which is red.
-        position: [m] of the object (3,); the table is symmetric about the x axis.
+        position: [m] of the object (3,). The table is symmetric about the x axis.
     """
 
     question: Question
@@ -54,7 +54,7 @@ class Asked:
 
     @property
     def answer(self) -> Answer:
-        """What counts of its answer."""
+        """The part of its answer that counts."""
         answer = self.question.answer
         return len(answer) if self.question.kind in _BY_NUMBER and isinstance(answer, tuple) else answer
 
@@ -91,7 +91,7 @@ def _kept(
 
 
 def _limits(counts: Counter[Answer], common: int) -> dict[Answer, int]:
-    """How many questions are kept with each answer."""
+    """Number of questions to keep with each answer."""
     ordered = sorted(counts.values(), reverse=True)
     most = ordered[common - 1] if len(ordered) >= common else 0
     return {answer: min(count, most) for answer, count in counts.items()}

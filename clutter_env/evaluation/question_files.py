@@ -38,7 +38,7 @@ _STACK_EVERY = 5
 
 @dataclass(frozen=True)
 class Kind:
-    """An environment whose scenes are asked about.
+    """An environment for whose scenes questions are made.
 
     Attributes:
         env_id, keywords: of it.
@@ -51,8 +51,8 @@ class Kind:
 
 
 def kinds(objects: int) -> tuple[Kind, Kind, Kind]:
-    """Cylinders on the paper's table, with the target obstructed, and with another object obstructed; and blocks, three
-    of which stand in a stack."""
+    """Cylinders on the paper's table, with the target obstructed, and with another object obstructed. Also blocks,
+    three of which stand in a stack."""
     table = Kind("clutter_env/Retrieve-o5-v0", {"num_objects": objects, "obstructed": objects > 1})
     stacked = Kind("clutter_env/Rearrange-o8-v0", {"num_objects": max(objects, 3), "task": "stack"})
     return table, replace(table, is_turned=True), stacked
@@ -105,14 +105,14 @@ def _described(scene: TableScene) -> list[dict[str, Any]]:
 def write_questions(
     folder: Path, objects: int, count: int, first_seed: int, image_size: int, tick: Callable[[], object] = lambda: None
 ) -> int:
-    """Write questions about scenes, with their images; how many there are, see `question_balance`.
+    """Write questions about scenes, with their images. `question_balance` says how many.
 
     Args:
         folder: of the files.
         objects: in a scene.
         count: of scenes.
         first_seed: of the scenes.
-        image_size: [pixels] along each side; 0: no images.
+        image_size: [pixels] along each side, 0 for no images.
         tick: called after every scene.
 
     Raises:
@@ -173,13 +173,13 @@ def _hidden(masks: Mapping[str, int], observation: Mapping[str, NDArray[Any]]) -
 
 
 def _is_hidden(question: Question, hidden: Set[str]) -> bool:
-    """Whether an object on which the answer depends cannot be seen; of grasps any that stands there may decide."""
+    """Whether an object on which the answer depends cannot be seen. For grasps this is any object of the scene."""
     needed = {question.about, *(question.answer if isinstance(question.answer, tuple) else ())}
     return bool(hidden if question.kind in OF_GRASPS else hidden & needed)
 
 
 def _write_images(folder: Path, name: str, observation: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, str]]:
-    """Write the images of a scene; their files, by camera."""
+    """Write the images of a scene, and return their files by camera."""
     found: dict[str, dict[str, str]] = {}
     for camera in CAMERAS:
         for part in ("rgb", "segmentation"):

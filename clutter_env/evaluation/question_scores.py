@@ -28,7 +28,7 @@ Record = Mapping[str, Any]
 
 
 def scored(questions: Sequence[Record], answers: Mapping[str, Any]) -> dict[str, Interval]:
-    """The share of right answers by kind, and of all; a question without an answer counts as wrong.
+    """The share of right answers by kind, and of all. A question without an answer counts as wrong.
 
     Args:
         questions: lines of `questions.jsonl`.
@@ -57,7 +57,7 @@ def _is_right(answer: Any, given: Any) -> bool:
 
 
 def answered(rule: str, questions: Sequence[Record], scenes: Sequence[Record], seed: int = 0) -> dict[str, Any]:
-    """What a rule answers to each question.
+    """Answers of a rule to each question.
 
     Args:
         rule: a name in `BASELINES`.
@@ -88,10 +88,10 @@ def _best(keyed: Iterable[tuple[Hashable, Record]]) -> dict[Hashable, Any]:
 
 
 def _learned(rule: str, questions: Sequence[Record], scenes: Sequence[Record]) -> dict[str, Any]:
-    """What a rule answers that knows one property of the object, learned from the other half of the scenes.
+    """Answers of a rule that knows one property of the object, learned from the other half of the scenes.
 
-    Where no question of the kind about an object with that property is in the other half, the commonest answer of the
-    kind there; where none of the kind is, the rule gives no answer.
+    If the other half has no question of the kind about such an object, the answer is the commonest of the kind there.
+    If it has no question of the kind, the rule gives no answer.
     """
     half = {scene["scene"]: index // _TOGETHER % 2 for index, scene in enumerate(scenes)}
     of = {scene["scene"]: {one["name"]: one for one in scene["objects"]} for scene in scenes}
@@ -118,7 +118,7 @@ def _place(placed: Record) -> Hashable:
 
 
 class _Placed:
-    """Where the objects of a scene stand."""
+    """Positions of the objects of a scene."""
 
     def __init__(self, scene: Record) -> None:
         self.names = [one["name"] for one in scene["objects"]]
@@ -153,14 +153,14 @@ def _random(question: Record, placed: _Placed, rng: np.random.Generator) -> Any:
 
 
 def _nearest_first(question: Record, placed: _Placed, rng: np.random.Generator) -> Any:  # noqa: ARG001
-    """What is nearer than a hand is in the way."""
+    """Rule: objects nearer than a hand are in the way."""
     name = question["about"]
     near = [other for gap, other in placed.by_gap(name) if gap < NEAR]
     return _by_what_is_in_the_way(question, near, [_side(placed.away(name, other)) for other in near], placed)
 
 
 def _shadow(question: Record, placed: _Placed, rng: np.random.Generator) -> Any:  # noqa: ARG001
-    """What stands between robot and object, as wide as a hand, is in the way, and the robot comes from the front."""
+    """Rule: objects between robot and object, as wide as a hand, are in the way, and the robot comes from the front."""
     name = question["about"]
     hidden = []
     for _, other in placed.by_gap(name):

@@ -69,7 +69,7 @@ OVERLAP = 0.005
 _WIDER = 1
 """Cells of the table, and directions, by which more counts as within reach."""
 _MOST_SETS = 2
-"""Smallest sets that are looked for: with a second one the answer is not unique."""
+"""Number of smallest sets to search for: with a second set the answer is not unique."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Asker:
     """Asks about scenes of one environment, whose workspaces it keeps.
 
     Attributes:
-        workspaces: of the planner, by the side from which grasps come; `_ANY` for all of them.
+        workspaces: of the planner, by the side from which grasps come, and `_ANY` for all of them.
     """
 
     workspaces: dict[str, Workspace] = field(default_factory=dict)
@@ -106,7 +106,7 @@ class Asker:
 
         Args:
             env: an environment of this package, unwrapped, that has been reset.
-            about: names of the objects that are asked about; all of them in a scene in which something stands on
+            about: names of the objects that questions are about. All objects in a scene in which something stands on
                 something else.
         """
         scene = Scene.from_mujoco(env.model, env.data, env.robot)
@@ -167,7 +167,7 @@ def _touching(env: Any) -> _Touching:
     """What gripper and wrist alone touch at each grasp of an object: a mask for each of `DIRECTIONS`.
 
     A direction from which the robot reaches nothing near the object, on the empty table, has the bit of what never
-    moves; see `_widened`.
+    moves. See `_widened`.
     """
     known, scene = side_approaches(env.robot.full_name), env.world.scene
     known = replace(known, margins=known.margins._replace(padding=-OVERLAP))
@@ -230,7 +230,7 @@ def _touched(scene: Scene, name: str) -> Question | None:
 
 
 def gap_to_bar(scene: Scene, name: str, other: str) -> float:
-    """[m] between a cylinder and the bar of "touched" on its way to another one; negative where the bar touches it."""
+    """[m] between a cylinder and the bar of "touched" on its way to another one. Negative if the bar touches it."""
     tip, at = scene.body(name).position, scene.body(other).position
     away = np.array([max(at[0] - tip[0], 0.0), max(abs(at[1] - tip[1]) - BAR / 2, 0.0)])
     inside = min(tip[0] - at[0], BAR / 2 - abs(at[1] - tip[1]))

@@ -20,20 +20,20 @@ from clutter_env.evaluation.score import Score, Watch, play_scene
 from clutter_env.policies.protocol import SKILLS
 
 _MOST_BYTES = 2**24
-"""A longer recording is refused before it fills the memory; 200,000 actions of the largest robot are shorter."""
+"""A longer recording is refused before it fills the memory. 200,000 actions of the largest robot are shorter."""
 CONTROL_MODES = ("joint", "ee", "skill")
 
 
 @dataclass(frozen=True)
 class Recording:
-    """What a policy did in an episode.
+    """A policy's actions in an episode.
 
     Of skills it holds the low-level actions that carried them out, unless the scene's own environment is one of skills.
 
     Attributes:
-        control_mode: meaning of the actions, "joint" or "ee"; "skill" for numbers of skills.
+        control_mode: meaning of the actions, "joint" or "ee", or "skill" for numbers of skills.
         actions: (steps, n) float32, or (steps,) numbers of skills.
-        skills: number of skills tried; 0 for a policy that does not act by skills.
+        skills: number of skills tried, 0 for a policy that does not act by skills.
         refused: number of skills that the motion layer refused.
         ending: why the episode was no success when it was played, "" for one.
         wall_s: wall time [s], with planning and the policy's inference.
@@ -60,7 +60,7 @@ class Recording:
         return cls(inner.control_mode, actions, skills, score.refused, score.failure, score.wall_s)
 
     def replay(self, scene: Scene, env: gym.Env[Any, Any], watch: Watch = lambda *_: None) -> Score:
-        """The score of the same actions in an environment of the scene, which no policy has touched; see `play_scene`.
+        """The score of the same actions in an environment of the scene, which no policy has touched. See `play_scene`.
 
         Raises:
             SuiteError: the first state is not the one that the suite was made with.
@@ -78,7 +78,7 @@ class Recording:
         return replace(self, actions=self.actions[:steps])
 
     def to_json(self) -> dict[str, Any]:
-        """JSON values; the actions are compressed."""
+        """JSON values, with compressed actions."""
         packed = base64.b64encode(zlib.compress(np.ascontiguousarray(self.actions.T).tobytes(), 6)).decode()
         return {
             "control_mode": self.control_mode,

@@ -17,7 +17,7 @@ from clutter_env.suites import Floor, SuiteScene, suite
 from clutter_env.task import Task, family
 
 _SKILL_ENV = "clutter_env/Skill-o15-v0"
-"""The Skill environment; the number of objects is given beside it."""
+"""The Skill environment. The number of objects is given separately."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class SeededScene:
         env_id: of the environment.
         keywords: keyword arguments of `gymnasium.make`.
         seed: of the reset.
-        max_steps: steps after which an episode is over; None for the environment's own number.
+        max_steps: steps after which an episode is over. None for the environment's own number.
     """
 
     env_id: str
@@ -42,7 +42,7 @@ class SeededScene:
         return Task(self.env_id, self.keywords).make(**limit, **keywords)
 
     def reset(self, env: gym.Env[Any, Any]) -> tuple[Any, dict[str, Any]]:
-        """Start the episode of this scene; observation and info."""
+        """Start the episode of this scene, and return observation and info."""
         return env.reset(seed=self.seed)
 
 
@@ -56,16 +56,16 @@ class SceneSet:
     Attributes:
         suite: name of the suite, "" for the scenes of an environment.
         split: of the suite: "test" or "validation".
-        env_id: of the environment; "" for a suite.
-        obstructed, layout: the environment's keyword arguments of these names; a suite has its own.
-        objects: number of objects; 0 for that of the environment.
-        task: of Rearrange; "" for that of the environment.
-        count: number of scenes; None for all of a suite.
+        env_id: of the environment, or "" for a suite.
+        obstructed, layout: the environment's keyword arguments of these names. A suite has its own.
+        objects: number of objects, or 0 for that of the environment.
+        task: of Rearrange, or "" for that of the environment.
+        count: number of scenes, or None for all of a suite.
         first_seed: of the environment's scenes.
 
     Raises:
-        LearningError: neither a suite nor an environment is named, or both; fewer than one scene, or more than there
-            are; a negative seed.
+        LearningError: neither a suite nor an environment is named, or both are. The number of scenes is below one or
+            too large, or the seed is negative.
     """
 
     suite: str = ""
@@ -105,7 +105,7 @@ class SceneSet:
 
     @property
     def family(self) -> str:
-        """The family of the environment, see `clutter_env.task.family`; a suite's scenes are of "retrieve"."""
+        """The family of the environment, see `clutter_env.task.family`. A suite's scenes are of "retrieve"."""
         return family(self.scenes[0].env_id)
 
     @property
@@ -153,7 +153,7 @@ def scene_for(scene: Scene, acts_by_skills: bool, feasibility: str) -> Scene:
 
 
 def find_floor(scene: Scene, grasps: str) -> Floor:
-    """The lower bound: that of the suite, or for a scene of an environment found by the planner; see `search_floor`.
+    """The lower bound: that of the suite, or for a scene of an environment found by the planner. See `search_floor`.
 
     Raises:
         SuiteError: the suite has no lower bounds for these grasps.

@@ -42,7 +42,7 @@ class Score:
         lifted: the target was lifted, or the goal of Rearrange reached, whatever else has moved.
         steps: of the environment: control steps, or skills.
         sim_s: simulated time [s].
-        moved: number of objects other than the target that were carried, or ended elsewhere; see `MOVED`. What rides in
+        moved: number of objects other than the target that were carried, or ended elsewhere. See `MOVED`. What rides in
             a drawer has not moved for that.
         cleared, disturbed, fallen: numbers of objects, see `clutter_env.envs`.
         furniture_force, self_force: the robot's largest mean force over 0.1 s on the furniture, and on itself and the
@@ -50,7 +50,7 @@ class Score:
         furniture_impulse, self_impulse: its largest impulse beyond 50 N on these [N s].
         total_slide: by which all of these forces together would slide a table of 10 kg [m].
         total_path: moved by all objects that need not move for the goal, while not carried [m].
-        skills, refused: numbers of skills tried, and of those that the motion layer refused; 0 for policies that do not
+        skills, refused: numbers of skills tried, and of those that the motion layer refused. 0 for policies that do not
             act by skills.
         failure: "" for success, else why not.
         wall_s: wall time [s], with planning and the policy's inference.
@@ -96,13 +96,13 @@ class Score:
 def play_scene(
     scene: Any, env: gym.Env, policy: AnyPolicy, max_steps: int | None = None, watch: Watch = lambda *_: None
 ) -> Score:
-    """One episode: until the target has been lifted, or the goal of Rearrange reached, cleanly or not; until that is no
-    longer possible; the policy gives up; or time is up.
+    """Play one episode. It ends when the target has been lifted, or the goal of Rearrange reached, cleanly or not. It
+    also ends when this is no longer possible, the policy gives up, or time is up.
 
     In Reach and Pick an episode ends with its time alone.
 
     Args:
-        scene: one with a `seed` and a `reset(env)`, see `clutter_env.evaluation.scenes`; or the seed with which the
+        scene: one with a `seed` and a `reset(env)`, see `clutter_env.evaluation.scenes`, or the seed with which the
             environment draws it.
         env: an environment of that scene.
         policy: that plays it.
@@ -176,7 +176,7 @@ def _positions(physics_env: Any) -> NDArray[np.float64]:
 
 
 def _step(env: gym.Env, policy: AnyPolicy, action: Any) -> tuple[Any, ...]:
-    """Step the environment; raises `PolicyCrashed` for what is no valid action."""
+    """Step the environment. Raises `PolicyCrashed` for an invalid action."""
     try:
         return env.step(action)
     except ActionError as problem:  # the traceback shows nothing of the policy's own code
@@ -186,7 +186,7 @@ def _step(env: gym.Env, policy: AnyPolicy, action: Any) -> tuple[Any, ...]:
 
 
 def one_line(text: Any) -> str:
-    """What a policy says of itself, fit for a table: one line, at most 200 printable characters."""
+    """A policy's description of itself for a table: one line, at most 200 printable characters."""
     words = " ".join(str(text).split())
     return "".join(sign if sign.isprintable() and sign != "|" else "?" for sign in words[:200])
 

@@ -25,11 +25,11 @@ from clutter_env.suites import FILE, GRASPS, SPLITS, content_digest, scene_diges
 
 FORMAT = 2
 SEEDS_PER_SPLIT = 5_000
-"""Seeds set aside for a split; scenes that do not qualify use up more seeds than there are scenes."""
+"""Seeds set aside for a split. Scenes that do not qualify use up more seeds than there are scenes."""
 
 
 class Rules(NamedTuple):
-    """What makes a scene one of a suite.
+    """Rules for the scenes of a suite.
 
     Attributes:
         name: of the suite, for messages.
@@ -53,13 +53,13 @@ class SuitePlan:
     objects: int
     keywords: dict[str, Any] = field(default_factory=dict)
     clearances: int = 1
-    """Only scenes with a proved lower bound of at least so many clearances for side grasps; 0: all scenes."""
+    """Only scenes with a proved lower bound of at least so many clearances for side grasps. 0: all scenes."""
     is_solvable: bool = False
     """Only scenes with a lower bound for grasps of all kinds: some objects of pieces are out of reach on the table."""
     task: str = ""
-    """Of Rearrange; "" for Retrieve."""
+    """Of Rearrange, or "" for Retrieve."""
     is_hidden: bool = False
-    """Of Search: without lower bounds, since nobody who plays knows the scene; all have the environment's time."""
+    """Of Search: without lower bounds, since nobody who plays knows the scene. All have the environment's time."""
 
     @property
     def env_id(self) -> str:
@@ -133,10 +133,10 @@ PLANS = (
 NAMES = tuple(plan.name for plan in PLANS)
 FIRST_SEED = 2_000_000
 MOST_TRIED = 50_000
-"""Seeds that are tried for fresh scenes at most; of the rarest suite one in 19 qualifies."""
+"""Largest number of seeds to try for fresh scenes. Of the rarest suite one in 19 qualifies."""
 STEPS_PER_PICK = 1500
-"""Control steps that a time limit allows for each pick of the lower bound; more than twice what the expert needs, see
-docs/suites.md."""
+"""Control steps that a time limit allows for each pick of the lower bound. This is more than twice what the expert
+needs, see docs/suites.md."""
 LONGEST = 22_500
 """Control steps of the longest time limit: longer ones would void the proof in `clutter_env.envs.reward`."""
 
@@ -152,7 +152,7 @@ def step_limit(clearances: int, wanted: int = 1) -> int:
     """The time limit of a scene [control steps], whatever else is in it and whoever plays: all have the same time.
 
     Args:
-        clearances: the scene's lower bound for side grasps; for grasps of all kinds where no side grasp has a plan.
+        clearances: the scene's lower bound for side grasps, or for grasps of all kinds if no side grasp has a plan.
         wanted: number of objects that the goal wants elsewhere.
     """
     return min(STEPS_PER_PICK * (wanted + clearances), LONGEST)

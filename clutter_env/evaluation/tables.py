@@ -20,7 +20,7 @@ from clutter_env.suites import Floor, content_digest, suite
 FORMAT = 7
 """Version of the results file."""
 STRATA = ("0", "1", "2", "3 or more", "none", "not proved")
-"""Lower bounds; "none": there is no plan; "not proved": fewer clearances than the bound may do."""
+"""Lower bounds. "none": there is no plan. "not proved": fewer clearances than the bound may do."""
 
 
 def stratum(floor: Floor) -> str:
@@ -42,17 +42,16 @@ class Row:
     """One policy on one set of scenes: means with 95% intervals.
 
     Attributes:
-        scene_set: name of the scenes; see `SceneSet.name`.
+        scene_set: name of the scenes. See `SceneSet.name`.
         policy: its name.
-        track: "observations", "privileged" or "human"; see `clutter_env.policies.protocol`.
+        track: "observations", "privileged" or "human". See `clutter_env.policies.protocol`.
         runs: number of training seeds.
         episodes: number of episodes of all runs.
-        clean: share of the episodes with success; see `Score.clean` and `success_interval`.
-        lifted: share of the episodes whose target was lifted, whatever else moved; NaN for Reach and Pick.
-        by_floor: clean success by stratum, see `STRATA`; empty where no lower bounds are known.
+        clean: share of the episodes with success. See `Score.clean` and `success_interval`.
+        lifted: share of the episodes whose target was lifted, whatever else moved. NaN for Reach and Pick.
+        by_floor: clean success by stratum, see `STRATA`. Empty if no lower bounds are known.
         moved_per_floor: number of objects moved and of drawers and doors opened, divided by the lower bound, which
-            counts both, over the scenes that the policy solved and whose lower bound is proved and at least 1; NaN for
-            Rearrange.
+            counts both. Over the solved scenes whose lower bound is proved and at least 1. NaN for Rearrange.
         moved, cleared, disturbed, fallen: numbers of objects, over all episodes.
         furniture_force, self_force: the robot's largest mean force over 0.1 s in an episode, on the furniture, and on
             itself and the ground [N], over all episodes.
@@ -214,7 +213,7 @@ def markdown(rows: Sequence[Row]) -> str:
 
 
 def markdown_short(row: Row) -> str:
-    """What one asks first about one policy on one set of scenes; `markdown` has all columns."""
+    """The main figures of one policy on one set of scenes. `markdown` has all columns."""
     head = ["clean success", "lifted", "moved / lower bound", "sim s", "failures"]
     causes = ", ".join(f"{cause} {count}" for cause, count in Counter(row.failures).most_common())
     rates = map(str, (row.clean, row.lifted, row.moved_per_floor))
@@ -222,7 +221,7 @@ def markdown_short(row: Row) -> str:
 
 
 def markdown_by_floor(rows: Sequence[Row]) -> str:
-    """Clean success by the lower bound, with the number of scenes; "" where none are known."""
+    """Clean success by the lower bound, with the number of scenes. "" if none are known."""
     known = [row for row in rows if row.by_floor]
     strata = [name for name in STRATA if any(name in row.by_floor for row in known)]
     if not known:
@@ -251,7 +250,7 @@ def _by_floor(
 
 
 def _moved_per_floor(run: Sequence[Score], floors: Sequence[Floor]) -> list[float]:
-    """(Objects moved + opened) / lower bound of every scene; NaN where it is unsolved, or no bound ≥ 1 is proved."""
+    """(Objects moved + opened) / lower bound of every scene. NaN if it is unsolved, or no bound ≥ 1 is proved."""
     return [
         (score.moved + score.opened) / floor.count if score.clean and floor.is_proved and floor.count else math.nan
         for score, floor in zip(run, floors, strict=bool(floors))

@@ -43,7 +43,7 @@ _CLOSE = 1e-9
 
 @dataclass(frozen=True)
 class Verification:
-    """What was found in a results file.
+    """Findings about a results file.
 
     Attributes:
         policy, track: that the file names. A replay proves the scores, not who made them: policy, track and weights
@@ -51,9 +51,9 @@ class Verification:
         scenes: name of the scenes, and which of them if they were chosen: some of a suite's, or by their seeds.
         episodes: number of episodes.
         clean: claimed successes.
-        differences: one sentence for everything in the file that is not as a replay gives it; empty if all is.
+        differences: one sentence for each difference between the file and its replays. Empty if there is none.
         other_than: in what the environment here is other than that of the file, such as its version of MuJoCo. Replays
-            that agree all the same confirm the scores; of those that do not, nobody can say why.
+            that agree nevertheless confirm the scores. If they differ, the reason is not known.
         fresh: success of the policy itself on fresh scenes, None if it was not run.
         weights: "the same", "different" from those that the file names, or "not here".
     """
@@ -133,7 +133,7 @@ def fresh_scenes(path: Path, count: int, first_seed: int, folder: Path, workers:
         path: the results file.
         count: of scenes.
         first_seed: from which seeds are tried.
-        folder: where the file of a suite's fresh scenes is written; it stays there while they are played.
+        folder: where the file of a suite's fresh scenes is written. It stays there while they are played.
         workers: number of processes.
 
     Raises:
@@ -147,7 +147,8 @@ def fresh_scenes(path: Path, count: int, first_seed: int, folder: Path, workers:
 
 
 def fresh_suite(name: str, count: int, first_seed: int, folder: Path, workers: int = 1) -> SceneSet:
-    """The first scenes from a seed on that the rules of a suite admit; arguments and errors as of `fresh_scenes`."""
+    """The first scenes from a seed on that the rules of a suite admit. Arguments and errors are those of
+    `fresh_scenes`."""
     rules, of = rules_of(name), suite(name)
     found = qualifying(rules, range(first_seed, first_seed + MOST_TRIED), count, workers)
     file = folder / f"fresh_{first_seed}{FILE}"
@@ -197,7 +198,7 @@ def replay_seconds(claims: Sequence[Mapping[str, Any]]) -> float:
 
 
 def claimed(path: Path) -> Evaluation:
-    """What a results file says, for tables; nothing is played again.
+    """Read a results file for tables, without playing anything again.
 
     Raises:
         LearningError: the file is no results file of this version, or it is damaged.
@@ -250,7 +251,7 @@ def scenes_of(content: Mapping[str, Any]) -> SceneSet:
 
 
 def which_scenes(scenes: SceneSet) -> str:
-    """The scenes in words; whoever chooses how many are played, or their seeds, can choose those that are won."""
+    """The scenes in words. Whoever chooses how many are played, or their seeds, can choose those that are won."""
     first, last, count = scenes.scenes[0].seed, scenes.scenes[-1].seed, len(scenes.scenes)
     if not scenes.suite:
         return f"{scenes.name}, seeds {first} to {last}"
@@ -259,7 +260,7 @@ def which_scenes(scenes: SceneSet) -> str:
 
 
 def _other_machine(content: Mapping[str, Any], environment: Mapping[str, Any]) -> list[str]:
-    """Why the replays of a file on this machine need not give its scores; empty if they must."""
+    """Reasons why replays of a file on this machine may give other scores. Empty if they must give the same."""
     there, here = content["provenance"], provenance()
     found = [
         f"It was recorded with {name} {there.get(name)}; this is {here[name]}."

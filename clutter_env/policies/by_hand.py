@@ -129,7 +129,7 @@ class ByHand:
         return self._expert.phase if self._is_moving else ""
 
     def act(self, observation: Any) -> NDArray[Any]:  # noqa: ARG002  it reads the simulation
-        """The next action of a motion. Between motions the next move is asked for, and the simulation waits."""
+        """The next action of a motion. Between motions the simulation waits for the next move."""
         while not self._is_moving and not self._rest and not self.done:
             self._decide()
         self._recorder.add_frame(*((self._expert.action, self._expert.phase) if self._is_moving else ()))
@@ -158,7 +158,7 @@ class ByHand:
         self.answer(move, refusal)
 
     def _end_motion(self) -> None:
-        """Rest before the next move, and note what is held and what went wrong."""
+        """Rest before the next move, and note the held object and errors."""
         from planners import SceneError
 
         failure = self._expert.report.failure
@@ -236,7 +236,7 @@ class Human:
 
     @property
     def report_values(self) -> Mapping[str, Any]:
-        """Who played."""
+        """Name of the player."""
         return {"played_by": "a person"}
 
     def act(self, observation: Any) -> NDArray[Any]:  # noqa: ARG002  part of the protocol

@@ -100,18 +100,18 @@ class Layout:
     is_front_only: bool = True
     """Counters beside it and a wall behind it."""
     board_height: float | None = None
-    """[m] from the table top to the shelf above it, None without a shelf."""
+    """[m] from the table top to the shelf above it, None if there is no shelf."""
     boxes: tuple[Box, ...] = ()
     """More furniture, in the world frame: obstacles for the robot and for the planner."""
     supports: tuple[str, ...] | None = None
-    """Names of the boxes on whose top faces objects may be put, the table's first; None for table and counters."""
+    """Names of the boxes on whose top faces objects may be put, the table's first. None for table and counters."""
     second_board_height: float | None = None
     """[m] from the shelf to a second one above it, None without: objects stand below both."""
     third_board_height: float | None = None
     """[m] from the second shelf to a third one above it, None without: objects stand below all three."""
     opens: str | None = None
-    """What is opened to get at the objects: "drawer", in a chest on the table; "drawers", three of them side by side;
-    "door_left" or "door_right", in front of table and shelves, with hinges on that side; None for nothing."""
+    """Drawers or doors in front of the objects. "drawer": in a chest on the table. "drawers": three of them side by
+    side. "door_left" or "door_right": in front of table and shelves, with hinges on that side. None: nothing."""
     front: float = 0.0
     """[m] of the table in front of the chest of a drawer, with objects that stand in the drawer's way."""
 

@@ -35,11 +35,11 @@ class Settings:
     num_envs: int = 1
     """Copies of the environment."""
     gradient_steps: int = 1
-    """Gradient steps after each step of all copies; of SAC, TQC and DQN."""
+    """Gradient steps after each step of all copies, of SAC, TQC and DQN."""
     device: str = "cpu"
     """Device of the networks, as torch names it."""
     checkpoint_every: int = 5000
-    """Steps between checkpoints; the last step is one too."""
+    """Steps between checkpoints. The last step is one too."""
     evaluation_episodes: int = 20
     """Number of held-out scenes that are played at every checkpoint."""
     evaluation_steps: int = 600

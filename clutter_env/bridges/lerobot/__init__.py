@@ -1,1 +1,1 @@
-"""What LeRobot imports, where it is installed, to find the environments."""
+"""Plugin that LeRobot imports, where it is installed, to find the environments."""

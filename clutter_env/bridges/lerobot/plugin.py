@@ -1,4 +1,4 @@
-"""Registers the environments with `lerobot-eval`; imported by LeRobot, in an environment where it is installed.
+"""Registers the environments with `lerobot-eval`. LeRobot imports it, in an environment where LeRobot is installed.
 
     lerobot-eval --env.discover_packages_path=clutter_env.bridges.lerobot --env.type=clutter_env \
         --env.env_id=clutter_env/Retrieve-o1-v0 --env.observations=images --policy.path=CHECKPOINT
@@ -63,6 +63,6 @@ class ClutterEnv(EnvConfig):
 
     @property
     def gym_kwargs(self) -> dict[str, Any]:
-        """The arguments of `make_one`; LeRobot films its first episodes."""
+        """The arguments of `make_one`. LeRobot films its first episodes."""
         chosen = {name: getattr(self, name) for name in ("env_id", "observations", "suite", "language")}
         return {**chosen, "render_mode": "rgb_array", **self.keywords}

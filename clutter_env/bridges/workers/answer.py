@@ -1,6 +1,6 @@
 """The loop of all workers: runs a file, and lets its `Worker` answer calls, one JSON object a line, until they end.
 
-It imports nothing that is not Python's own: a worker runs in the environment of somebody's package. What that package
+It imports only Python's own modules, since a worker runs in the environment of somebody's package. What that package
 prints goes to standard error.
 """
 

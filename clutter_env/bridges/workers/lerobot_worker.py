@@ -36,7 +36,7 @@ class Worker:
         return {}
 
     def reset(self) -> dict[str, Any]:
-        """Start an episode; the random numbers of every episode are the same."""
+        """Start an episode. The random numbers of every episode are the same."""
         torch.manual_seed(self.seed)
         for part in (self.policy, self.before, self.after):
             part.reset()

@@ -51,7 +51,7 @@ class Worker:
     def state(self) -> dict[str, Any]:
         """Joint positions, the hand, where it was commanded, its fingers [m], and what the environment says.
 
-        MetaWorld's evaluation ends an episode at its first success; so what succeeded once stays solved.
+        MetaWorld's evaluation ends an episode at its first success. So a task that succeeded once stays solved.
         """
         data = self.inner.data
         fingers = [float(data.geom(name).xpos[1]) for name in ("rightpad_geom", "leftpad_geom")]

@@ -68,7 +68,7 @@ class Worker:
         return self._state(saved=True)
 
     def step(self, action: list[float], saved: bool) -> dict[str, Any]:
-        """One step; `saved` says whether the state is to be restored later."""
+        """Do one step. `saved` says whether the state is to be restored later."""
         _, reward, terminated, truncated, _ = self.env.step(np.array(action, np.float32))
         return {"reward": reward, "terminated": terminated, "truncated": truncated, **self._state(saved)}
 
@@ -79,7 +79,7 @@ class Worker:
         return self._state(saved=False)
 
     def act(self) -> dict[str, Any]:
-        """The expert's next action, null where it has given up; it plans when it is first asked."""
+        """The expert's next action, null after it has given up. The first call plans."""
         if self.expert is None:
             from planners import TampExpert  # which takes longer to import than all else here
 

@@ -47,7 +47,7 @@ class Worker:
         }
 
     def step(self, action: list[float]) -> dict[str, Any]:
-        """One step of the environment: of the arm and, last, its gripper; a mobile base stands still."""
+        """Do one step of the environment, of the arm and, last, its gripper. A mobile base stands still."""
         parts = {"right": np.array(action[:-1]), "right_gripper": np.array(action[-1:])}
         self.env.step(self.env.robots[0].create_action_vector(parts))
         return self.state()
