@@ -2,6 +2,7 @@
 
     python scripts/obstruction.py
     python scripts/obstruction.py --drawn --seed 7000000
+    python scripts/obstruction.py --drawn --seed 7000000 --robot pr2 --share 0.08
 
 Prints the confusion table of the documentation of suites; or with `--drawn` how many of the scenes that
 `obstructed=True` draws have no plan with side grasps, and what their resets cost.
@@ -50,7 +51,7 @@ class Drawn(NamedTuple):
     reset_time: float
 
 
-def main(seed: int = 600_000, workers: int = 2, share: float = 1.0, drawn: bool = False) -> None:
+def main(seed: int = 600_000, workers: int = 2, share: float = 1.0, drawn: bool = False, robot: str = "fetch") -> None:
     """Ask test and planner about scenes with consecutive seeds, and print the table.
 
     Args:
@@ -58,11 +59,14 @@ def main(seed: int = 600_000, workers: int = 2, share: float = 1.0, drawn: bool 
         workers: Number of processes.
         share: Share of the scenes that is looked at, the first ones of each set.
         drawn: Scenes with obstructed targets in place of random ones.
+        robot: Name of the robot.
     """
     if drawn:
-        print(markdown_table(HEAD_DRAWN, list(drawn_rows(seed, workers, share))), end="")
+        print(markdown_table(HEAD_DRAWN, list(drawn_rows(robot, seed, workers, share))), end="")
         return
-    counts = {name: Counter[tuple[bool, bool]](found) for name, found in ask(compare, SCENES, seed, workers, share)}
+    counts = {
+        name: Counter[tuple[bool, bool]](found) for name, found in ask(compare, SCENES, robot, seed, workers, share)
+    }
     counts["all"] = sum(counts.values(), Counter())
     rows = []
     for name, found in counts.items():
@@ -72,25 +76,28 @@ def main(seed: int = 600_000, workers: int = 2, share: float = 1.0, drawn: bool 
     print(markdown_table(HEAD, rows), end="")
 
 
-def drawn_rows(seed: int, workers: int, share: float) -> Iterator[tuple[str, ...]]:
+def drawn_rows(robot: str, seed: int, workers: int, share: float) -> Iterator[tuple[str, ...]]:
     """The rows of the table of drawn scenes."""
-    for name, found in ask(look_at_drawn, DRAWN, seed, workers, share):
+    for name, found in ask(look_at_drawn, DRAWN, robot, seed, workers, share):
         times = 1000 * np.array([one.reset_time for one in found])
         counts = len(found), sum(not one.has_plan for one in found), sum(one.is_free for one in found)
         yield name, *map(str, counts), f"{times.mean():.1f}", f"{times.max():.1f}"
 
 
 def ask(
-    function: Callable[[tuple[str, int, int]], Any],
+    function: Callable[[tuple[str, str, int, int]], Any],
     scenes: dict[tuple[str, int], int],
+    robot: str,
     seed: int,
     workers: int,
     share: float,
 ) -> Iterator[tuple[str, list[Any]]]:
     """The name of each set of scenes, and what a function says of them."""
-    jobs = [(layout, n, seed + k) for (layout, n), count in scenes.items() for k in range(round(share * count))]
+    jobs = [(robot, layout, n, seed + k) for (layout, n), count in scenes.items() for k in range(round(share * count))]
     answers: dict[tuple[str, int], list[Any]] = {key: [] for key in scenes}
-    for (layout, n, number), result in progress_bar(run_jobs(function, jobs, workers), total=len(jobs), unit="scene"):
+    for (_, layout, n, number), result in progress_bar(
+        run_jobs(function, jobs, workers), total=len(jobs), unit="scene"
+    ):
         if isinstance(result, Crash | Killed):
             raise RuntimeError(f"layout {layout}, {n} objects, seed {number}: {result}")
         answers[layout, n].append(result)
@@ -98,14 +105,14 @@ def ask(
         yield f"{layout}, {n} objects", found
 
 
-def compare(job: tuple[str, int, int]) -> tuple[bool, bool]:
+def compare(job: tuple[str, str, int, int]) -> tuple[bool, bool]:
     """Whether the target is obstructed by the test, and by the planner; one out of reach is not obstructed.
 
     Args:
-        job: layout, number of objects, seed.
+        job: robot, layout, number of objects, seed.
     """
-    layout, objects, seed = job
-    env = make_env(layout, objects)
+    name, layout, objects, seed = job
+    env = make_env(name, layout, objects)
     _, info = env.reset(seed=seed)
     inner: Any = env.unwrapped
     robot = inner.robot
@@ -115,14 +122,14 @@ def compare(job: tuple[str, int, int]) -> tuple[bool, bool]:
     return bool(blockers[inner.target_slot] > 0), floor.count != 0 and floor.cause != Cause.UNREACHABLE
 
 
-def look_at_drawn(job: tuple[str, int, int]) -> Drawn:
+def look_at_drawn(job: tuple[str, str, int, int]) -> Drawn:
     """What the planner says of the scene that is drawn with an obstructed target.
 
     Args:
-        job: layout, number of objects, seed.
+        job: robot, layout, number of objects, seed.
     """
-    layout, objects, seed = job
-    env = make_env(layout, objects)
+    name, layout, objects, seed = job
+    env = make_env(name, layout, objects)
     start = time.process_time()
     _, info = env.reset(seed=seed, options={"obstructed": True})
     reset_time = time.process_time() - start
@@ -133,9 +140,9 @@ def look_at_drawn(job: tuple[str, int, int]) -> Drawn:
 
 
 @cache
-def make_env(layout: str, objects: int) -> gym.Env[Any, Any]:
+def make_env(robot: str, layout: str, objects: int) -> gym.Env[Any, Any]:
     """The environment of a set of scenes, kept in each process; its first reset, which reads tables, is done."""
-    env = gym.make("clutter_env/Retrieve-o15-v0", layout=layout, num_objects=objects)
+    env = gym.make("clutter_env/Retrieve-o15-v0", robot=robot, layout=layout, num_objects=objects)
     env.reset(seed=0, options={"obstructed": True})
     return env
 
