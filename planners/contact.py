@@ -82,7 +82,7 @@ def contact_of(action: BoundAction) -> Contact | None:
     if action.grip is None:
         return None
     state, _ = action.grip
-    skill = "place" if action.is_clearance else "pick"
+    skill = "place" if action.is_put_down else "pick"
     return Contact(skill, action.target, state.base, tcp_pose(action.scene.robot, state))
 
 

@@ -123,7 +123,7 @@ def _own(action: BoundAction, goal: Goal | None) -> tuple[str, ...]:
     scene = action.scene
     if _is_pull(action):
         return riding(scene)
-    facts = goal.placed if goal is not None and action.is_clearance else ()
+    facts = goal.placed if goal is not None and action.is_put_down else ()
     below = (fact.where for fact in facts if fact.object == action.target)
     return tuple(name for name in (action.target, *below) if name in scene.names)
 

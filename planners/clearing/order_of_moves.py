@@ -77,12 +77,12 @@ class Order:
 
     @classmethod
     def of(cls, scene: Scene, goal: Goal, waiting: Collection[str], candidates: GraspCandidates) -> Order | None:
-        """Create the order for objects that are to move. None if the order is free: see `is_under_shelf`.
+        """Create the order for objects that are to move. None if the order is free: see `needs_order`.
 
         Also None if an object lies or goes onto another object, or fits nowhere at its place. Areas are filled from the
         far side. `waiting` begins with the objects that can move first.
         """
-        if not is_under_shelf(scene, goal) or scene.held_names:
+        if not needs_order(scene, goal) or scene.held_names:
             return None
         ends = {fact.object: scene.body(fact.object) for fact in goal.placed if fact.object not in waiting}
         turn_of = {name: turn for turn, name in enumerate(waiting)}
@@ -206,7 +206,8 @@ class _Arrangements:
         put = self._free(name, True, left)
         pair = _of_one_pitch(taken, put)
         if pair is None and is_first and put:
-            pair = _of_one_pitch(*(self._free(name, at_end, left, of_all=True) for at_end in (False, True)))
+            taken, put = self._free(name, False, left, of_all=True), self._free(name, True, left, of_all=True)
+            pair = _of_one_pitch(taken, put)
         return pair
 
     def _put(self, name: str, left: int) -> tuple[None, GraspCandidate] | None:
@@ -240,7 +241,7 @@ class _Arrangements:
         self._at_ends.update((grasp.key, int(hit)) for grasp, hit in zip(new, hits, strict=True))
         best: dict[tuple[int, float], Option] = {}
         for grasp in grasps:
-            mask = grasp.blockers | too | self._at_ends[grasp.key] << len(self._names)
+            mask = grasp.blockers | too | (self._at_ends[grasp.key] << len(self._names))
             best.setdefault((mask, grasp.pitch), Option(mask, grasp))
         return sorted(best.values(), key=lambda one: one.mask.bit_count())
 
@@ -252,7 +253,7 @@ class _Arrangements:
         return scene.mask({*(one.name for one in touched), *self._in_the_way.get(body.name, ())} - {body.name})
 
     def _end_bit(self, index: int) -> int:
-        return 1 << len(self._names) + index
+        return 1 << (len(self._names) + index)
 
 
 def _of_one_pitch(taken: list[Option], put: list[Option]) -> tuple[GraspCandidate, GraspCandidate] | None:
@@ -260,7 +261,7 @@ def _of_one_pitch(taken: list[Option], put: list[Option]) -> tuple[GraspCandidat
     return next(((a.grasp, b.grasp) for a in taken for b in put if a.grasp.pitch == b.grasp.pitch), None)
 
 
-def is_under_shelf(scene: Scene, goal: Goal) -> bool:
+def needs_order(scene: Scene, goal: Goal) -> bool:
     """Whether the moves need an order: an object of the goal stands, or is to stand, under a shelf.
 
     Goals with an order or an object to hold need none, nor do robots that act with several arms.

@@ -55,5 +55,5 @@ def finger_tips(robot: RobotSpec) -> FingerTips:
 
 def way_of(opening: Opening, point: Array, position: float) -> Array:
     """Unit vector (3,) of the initial motion of a point (3,) [m] on a drawer or door, on the way to a position."""
-    sign = 1.0 if (position - opening.position) * (opening.open - opening.shut) > 0 else -1.0
+    sign = 1.0 if opening.opens_to(position) else -1.0
     return sign * opening.direction(point)

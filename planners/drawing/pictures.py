@@ -75,7 +75,7 @@ def draw_overview(solution: Solution, ax: Axes | None = None) -> Axes:
     for body in scene.objects:
         kind = "target" if body.name == solution.target else "moved" if body.name in solution.clearances else "object"
         _draw_body(axes, body, COLOURS[kind])
-    for number, action in enumerate((a for a in solution.actions if a.is_clearance), start=1):
+    for number, action in enumerate((a for a in solution.actions if a.is_put_down), start=1):
         if (placed := action.released) is not None:
             _draw_body(axes, placed, "none", str(number), COLOURS["location"])
             _join(axes, action.scene.body(action.target), placed.position)

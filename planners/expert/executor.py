@@ -192,7 +192,7 @@ class Executor:
             self._expected = now
             if self.deviation is None:
                 self._deviate(_not_opened(self._present, now), now)
-            if self._present.is_clearance:
+            if self._present.is_put_down:
                 self.cleared.append(self._present.target)
             self.action += 1
         while self._tick < 0 and self.action > 0:

@@ -55,9 +55,14 @@ class SideGripper:
     def of(cls, robot: RobotSpec) -> SideGripper:
         """That of a robot's active arm."""
         gripper = gripper_clearances(robot)
-        margins = {"yaws": SIDE.directions, "padding": PADDING, "finger_gap": robot.finger_gap}
         return cls(
-            {**margins, "back": BACK, "held_gap": HELD_GAP},
+            {
+                "yaws": SIDE.directions,
+                "padding": PADDING,
+                "finger_gap": robot.finger_gap,
+                "back": BACK,
+                "held_gap": HELD_GAP,
+            },
             round(gripper.palm_reach + PALM_SLACK, 6),
             gripper.pad_half_height,
             _solids(robot),
@@ -110,7 +115,8 @@ def _solids(robot: RobotSpec) -> tuple[tuple[float, ...], ...]:
     T_tcp_before = T_tcp_last @ np.linalg.inv(pose_of(arrays.offsets[last]))
     is_in_line = float(np.abs(T_tcp_before[1:3, 3]).max()) < _IN_LINE
     rows: list[tuple[float, ...]] = []
-    for solid in np.flatnonzero(arrays.link >= last - is_in_line):
+    first = last - 1 if is_in_line else last
+    for solid in np.flatnonzero(arrays.link >= first):
         T = T_tcp_last if arrays.link[solid] == last else T_tcp_before
         half = np.abs(T[:3, :3] @ arrays.rotation[solid]) @ arrays.half[solid]
         x, y = (T[:3, :3] @ arrays.position[solid] + T[:3, 3])[:2]
@@ -118,4 +124,4 @@ def _solids(robot: RobotSpec) -> tuple[tuple[float, ...], ...]:
         width = abs(y) + half[1] - arrays.gap / 2 if is_finger else half[1]
         row = (x - half[0], x + half[0], width, arrays.radius[solid], half[2] + arrays.radius[solid])
         rows.append((*(round(float(value), 6) for value in row), int(is_finger)))
-    return tuple(row for index, row in enumerate(rows) if row not in rows[:index])
+    return tuple(dict.fromkeys(rows))

@@ -359,10 +359,9 @@ def _moved_to(asked: Asked, scene: Scene, name: str, position: float) -> Iterato
 def _moved_at_once(asked: Asked, scene: Scene, name: str, position: float) -> Solution | Infeasible:
     """A plan that opens or shuts something by one of its handles, else pushes it, or why there is none."""
     opening = scene.opening(name)
-    towards_open = (position - opening.position) * (opening.open - opening.shut) > 0
     left_at = opening.released(position)
     if abs(left_at - position) > LACKS * abs(opening.open - opening.shut):
-        cause, does = (Cause.SPRINGS_SHUT, "shuts") if towards_open else (Cause.SPRINGS_OPEN, "opens")
+        cause, does = (Cause.SPRINGS_SHUT, "shuts") if opening.opens_to(position) else (Cause.SPRINGS_OPEN, "opens")
         detail = f"a spring or its weight {does} {name} when nobody holds it, by {abs(left_at - position):.3g} m or rad"
         return Infeasible(cause, detail, (name,))
     if len(scene.objects) >= MAX_OBJECTS:
@@ -383,8 +382,7 @@ def _as_opened(found: Solution, scene: Scene, opening: Opening, position: float)
     """A plan that has taken a handle, its last action named for what it does, and the scene at its end as it is."""
     assert found.end is not None
     end = without_handle(found.end, moved(scene, opening.name, position))
-    towards_open = (position - opening.position) * (opening.open - opening.shut) > 0
-    name = "Open" if towards_open else "Close"
+    name = "Open" if opening.opens_to(position) else "Close"
     actions = tuple(
         replace(one, name=name, args=(opening.name, *one.args[1:]), target=opening.name) if _is_pull(one) else one
         for one in found.actions

@@ -82,7 +82,7 @@ def put_down(scene: Scene, gripper_pose: Array, level: float) -> Body:
     body = scene.body(scene.held.name)
     T_world_tcp = rotated(gripper_pose[3], gripper_pose[4])
     T_world_tcp[:3, 3] = gripper_pose[:3]
-    body = dropped = body.at_pose(T_world_tcp @ scene.held.T_tcp_object)
+    dropped = body.at_pose(T_world_tcp @ scene.held.T_tcp_object)
     if dropped.is_upright:
         body = replace(dropped, quaternion=np.array([np.cos(dropped.yaw / 2), 0.0, 0.0, np.sin(dropped.yaw / 2)]))
     else:

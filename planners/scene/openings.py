@@ -93,6 +93,10 @@ class Opening:
         half_open = self.at_share(0.5)
         return (half_open - self.released(half_open)) * (self.open - self.shut) > 0
 
+    def opens_to(self, position: float) -> bool:
+        """Whether a position [m] or [rad] is farther open than the present one."""
+        return (position - self.position) * (self.open - self.shut) > 0
+
     def released(self, position: float) -> float:
         """Position [m] or [rad] to which a spring or its weight takes it from another one, where nobody holds it.
 

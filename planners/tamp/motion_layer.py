@@ -447,7 +447,7 @@ class MotionLayer:
                 before, after = in_contact[k - 1] if k else None, in_contact[k + 1] if k + 1 < len(runs) else None
                 last, after_last = actions[run[-1][0]], scenes[run[-1][0]]
                 scene = last.scene
-                if last.is_clearance and before is not None and run[0][0] == run[-1][0]:
+                if last.is_put_down and before is not None and run[0][0] == run[-1][0]:
                     # This arm does nothing after the release: the object that it put down stays there.
                     scene = scene.with_held(None).with_body(after_last.body(last.target))
                 elif before is not None and is_handle(scene, before.name):

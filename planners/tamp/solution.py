@@ -55,7 +55,7 @@ class BoundAction:
         return hash((self.name, self.args, self.target))
 
     @property
-    def is_clearance(self) -> bool:
+    def is_put_down(self) -> bool:
         """Whether the action puts an object down."""
         return self.name.startswith("PutDown")
 
@@ -76,7 +76,7 @@ class BoundAction:
     @property
     def released(self) -> Body | None:
         """Object at the pose of its release. None if the action is no put-down."""
-        if self.grip is None or not self.is_clearance:
+        if self.grip is None or not self.is_put_down:
             return None
         state, held = self.grip
         return self.scene.body(held.name).at_pose(tcp_pose(self.scene.robot, state) @ held.T_tcp_object)
@@ -192,7 +192,7 @@ class Solution(Stored):
 
     def summary(self) -> str:
         """Describe the plan in several lines: goal, put-downs with their positions, picks, duration, planning times."""
-        puts = [action for action in self.actions if action.is_clearance]
+        puts = [action for action in self.actions if action.is_put_down]
         wanted = f"takes {self.target}" if self.target else f"reaches {self.goal}"
         lines = [
             f"Plan that {wanted}, made by strategy {self.strategy.name!r}",

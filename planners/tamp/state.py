@@ -25,11 +25,12 @@ from planners.symbolic.problem import Atom, GroundAction, NoPlan, SymbolicState,
 from planners.tamp.motion_layer import BoundMotion, MotionLayer
 from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, SolveStats
 
-MAX_CLEARANCES, MAX_REPLANS, MAX_ASIDE = 60, 200, 6
-"""Limits after which a run is given up. First: put-downs in one plan, in addition to one for each object that the goal
-places. Second: turns of the loop that end with a refuted action. Third: times that one object is put aside for a goal
-with places.
-"""
+MAX_CLEARANCES = 60
+"""Put-downs in one plan, in addition to one for each object that the goal places, after which a run is given up."""
+MAX_REPLANS = 200
+"""Turns of the loop that end with a refuted action, after which a run is given up."""
+MAX_ASIDE = 6
+"""Times that one object is put aside for a goal with places, after which a run is given up."""
 TASK_PLANNING_S = 10.0
 """Wall time [s] for one call of the task planner. A longer call ends the run."""
 
@@ -162,7 +163,8 @@ class Search:
             if cause is Cause.MOTION and set(reasons) == {NO_WAY.reason}:
                 cause = Cause.NO_WAY_FOR_BASE
             # The penetration depth depends on the grasp, so the same two bodies count as one reason at any depth.
-            for kind, count in Counter(map(_without_depth, reasons)).most_common(1):
+            if reasons:
+                [(kind, count)] = Counter(map(_without_depth, reasons)).most_common(1)
                 reason = next(reason for reason in reasons if _without_depth(reason) == kind)
                 detail += f"; {count} of {len(self.history)} refutations: {reason}"
         return Infeasible(cause, detail, objects, cleared, self.stats(), self.target, self.strategy, self.goal)
@@ -187,11 +189,13 @@ class Search:
     def why_not_placed(self, scene: Scene, facts: Iterable[Fact]) -> str:
         """Reasons why objects cannot be released where the goal wants them, as text to append, "" for none."""
         found: list[str] = []
-        for fact in (placed_fact(self.goal, getattr(one, "object", "")) for one in facts):
-            if fact is not None:
-                place = place_of(scene, fact)
-                why = why_not_put(self.motion_layer.candidates, scene, fact.object, place)
-                found += [why] if why and why not in found else []
+        for one in facts:
+            fact = placed_fact(self.goal, getattr(one, "object", ""))
+            if fact is None:
+                continue
+            why = why_not_put(self.motion_layer.candidates, scene, fact.object, place_of(scene, fact))
+            if why and why not in found:
+                found.append(why)
         return "".join(f"; {why}" for why in found)
 
     def stats(self) -> SolveStats:

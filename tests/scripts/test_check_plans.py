@@ -89,7 +89,7 @@ def test_fingers_that_press_on_an_object_are_beside_it(planned: tuple[Scene, Sol
 def test_what_is_held_goes_with_the_gripper_and_stays_where_it_is_put(planned: tuple[Scene, Solution]) -> None:
     """The pin stands inside the place where the cleared object is put down."""
     scene, plan = planned
-    put = next(action for action in plan.actions if action.is_clearance)
+    put = next(action for action in plan.actions if action.is_put_down)
     assert put.released is not None
     found = PlanReplay(with_pin(scene, put.released.position)).deepest_contact(plan.actions)
     assert set(found.geoms) == {"pin", put.target}

@@ -11,7 +11,7 @@ import pytest
 
 import clutter_env  # noqa: F401  registers the environments
 from planners import Solution, goals, solve
-from planners.clearing.order_of_moves import Order, is_under_shelf
+from planners.clearing.order_of_moves import Order, needs_order
 from planners.scene import Scene
 from planners.workspace import Workspace
 from tests.planners.scenes import cylinder, random_shelf, shelf_scene, table_scene
@@ -49,9 +49,9 @@ def test_what_is_in_the_way_of_a_place_is_put_aside_and_comes_back_to_its_own() 
 def test_goals_on_open_tables_and_with_an_order_of_their_own_are_not_ordered() -> None:
     bodies = cylinder("object_00", -0.2, 0.3), cylinder("object_01", -0.2, -0.3)
     goal = goals.at("object_00", BACK)
-    assert is_under_shelf(shelf_scene(*bodies), goal)
-    assert not is_under_shelf(table_scene(*bodies), goal)
-    assert not is_under_shelf(shelf_scene(*bodies), goal & goals.holding("object_01"))
+    assert needs_order(shelf_scene(*bodies), goal)
+    assert not needs_order(table_scene(*bodies), goal)
+    assert not needs_order(shelf_scene(*bodies), goal & goals.holding("object_01"))
 
 
 def test_grasps_that_are_kept_are_as_free_as_those_looked_for_anew() -> None:

@@ -49,7 +49,7 @@ def test_the_overview_joins_both_places_of_each_clearance() -> None:
     plan = solved()
     axes = Figure().subplots()
     assert plan.plot(axes) is axes
-    puts = [action for action in plan.actions if action.is_clearance]
+    puts = [action for action in plan.actions if action.is_put_down]
     assert len(drawn(axes, "move")) == len(plan.clearances) > 0
     for line, action in zip(drawn(axes, "move"), puts, strict=True):
         assert action.released is not None
@@ -87,7 +87,7 @@ def test_a_plan_without_actions_is_refused_with_the_reason() -> None:
 
 def test_choices_are_the_clearances_in_order_where_the_plan_puts_them(choices: list[ClearancePicture]) -> None:
     plan = solved()
-    puts = [action for action in plan.actions if action.is_clearance]
+    puts = [action for action in plan.actions if action.is_put_down]
     assert [choice.moved for choice in choices] == list(plan.clearances)
     for choice, action in zip(choices, puts, strict=True):
         assert action.released is not None

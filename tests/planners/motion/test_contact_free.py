@@ -62,6 +62,6 @@ def test_what_stands_on_something_is_carried_to_something_else_in_one_motion() -
     scene = Scene.from_mujoco(model, data, FETCH, movable=["can", "here", "there"], support="table")
     found = solve(scene, goals.on("can", "there"))
     assert isinstance(found, Solution)
-    put_down = next(action for action in found.actions if action.is_clearance)
+    put_down = next(action for action in found.actions if action.is_put_down)
     q = put_down.trajectory.q[0]
     assert np.abs(q[1:] - np.array(FETCH.home)[1:]).max() > 0.1, "it passes home, as two motions do"

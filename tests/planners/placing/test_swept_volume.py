@@ -153,7 +153,7 @@ def test_the_region_drawn_is_the_region_used(monkeypatch: pytest.MonkeyPatch, su
     plan = planner.solve(scene, target)
     assert isinstance(plan, Solution)
     used = list(compared)
-    puts = [action for action in plan.actions if action.is_clearance]
+    puts = [action for action in plan.actions if action.is_put_down]
     for put, choice in zip(puts, choices_of(plan), strict=True):
         assert len(choice.surfaces) == (1 if supports is None else 3)
         assert choice.surfaces[0].region.ngr1.any()

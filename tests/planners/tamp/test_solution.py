@@ -41,7 +41,7 @@ def test_the_summary_names_target_clearances_in_order_and_locations() -> None:
     assert len(plan.clearances) >= 2
     lines = [line for line in text.splitlines() if line.startswith("  ")]
     assert [line.split()[1] for line in lines] == list(plan.clearances)
-    for line, action in zip(lines, (a for a in plan.actions if a.is_clearance), strict=True):
+    for line, action in zip(lines, (a for a in plan.actions if a.is_put_down), strict=True):
         assert action.released is not None
         assert f"x = {action.released.position[0]:.2f} m" in line
         assert action.obstructed in line
