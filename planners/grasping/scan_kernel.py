@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.compilation import njit
-from irm.ik.closed_form import MAX_SOLUTIONS
-from irm.ik.solvers import CLOSED_FORM, arm_solutions
+from irm.ik.closed_form import MAX_SOLUTIONS, NOT_MIRRORED
+from irm.ik.solvers import arm_solutions
 from irm.kernel_arguments import Layout, call_at, copy_row, kernel_address, layout_of, leaf_kernel, pointer_to
 from irm.kinematics import arm_jacobian, condition, fk_frames
 from planners.collision.hit_kernels import CollisionQuery, arm_hits, configuration_hits
@@ -170,22 +170,13 @@ def _nearest_turn(angle: float, wanted: float, lower: float, upper: float) -> fl
 
 
 @leaf_kernel
-def _unwrapped(found: Array, count: int, home: Array, robot: RobotArrays) -> int:
-    """Turn joints that go round to near home, and leave out solutions that are mirrored; how many are kept.
-
-    Those of Fetch's closed form with a negative elbow have the same links at the same places as others: elbow and two
-    rolls are mirrored.
-    """
-    kept = 0
+def _unwrap(found: Array, count: int, home: Array, robot: RobotArrays) -> None:
+    """Turn joints that go round to near home."""
     for k in range(count):
-        if robot.ik.kind == CLOSED_FORM and found[k, robot.ik.elbow] < 0.0:
-            continue
         for joint in range(home.shape[0]):
             angle, lower, upper = found[k, joint], robot.lower[joint], robot.upper[joint]
-            turns = upper - lower > _FULL_TURN
-            found[kept, joint] = _nearest_turn(angle, home[joint], lower, upper) if turns else angle
-        kept += 1
-    return kept
+            if upper - lower > _FULL_TURN:
+                found[k, joint] = _nearest_turn(angle, home[joint], lower, upper)
 
 
 @njit(cache=True)
@@ -357,8 +348,9 @@ def _scan_pair(
         if _is_dominated(memory.kept, by_gripper, memory.per_mask):
             break
         for roll in rolls:
-            solutions = arm_solutions(robot.ik, R, p, torso, roll, found)
-            for k in range(_unwrapped(found, solutions, home, robot)):
+            solutions = arm_solutions(robot.ik, R, p, torso, roll, found, NOT_MIRRORED)
+            _unwrap(found, solutions, home, robot)
+            for k in range(solutions):
                 q = found[k]
                 if not nearest_home:
                     _consider(query, driven, memory, by_gripper, base, out, q, pair, home)
