@@ -21,6 +21,7 @@ from planners.collision.world import SUPPORT_SLACK, CompiledScenes, validate
 from planners.goals import Clear, Fact, Goal, Inside, On, levels_under
 from planners.grasping.candidates import GraspCandidates
 from planners.motion.kept import KeptMotions
+from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.regions import RESTING
 from planners.scene import Body, Scene, SceneError
 from planners.workspace import Workspace
@@ -38,6 +39,7 @@ class Problem:
         workspace: the robot among the static obstacles, with the options of a whole solve.
         hold_aside: whether one arm may hold an obstacle while another one takes the target.
         compiled: collision worlds of the arrangements so far.
+        checkers: MuJoCo's models of the scenes, by what they are built from.
         motions: motions planned for this scene, to reuse in the next one, and motions of the scene before.
         candidates: the grasps known in the scene, before any is refuted by a motion. Each plan uses a copy.
     """
@@ -49,6 +51,7 @@ class Problem:
     hold_aside: bool = False
     compiled: CompiledScenes = field(default_factory=CompiledScenes, repr=False)
     motions: KeptMotions = field(default_factory=KeptMotions, repr=False)
+    checkers: dict[Hashable, MujocoCollisionChecker] = field(default_factory=dict, repr=False)
     candidates: GraspCandidates = field(init=False, repr=False)
     _bounds: dict[tuple[int, bool, float], LowerBound] = field(default_factory=dict, repr=False)
 
@@ -88,7 +91,7 @@ class Problem:
         if _fixed(scene) != _fixed(self.scene):
             raise SceneError("the robot, the static obstacles or the supports are others: ask for a new problem")
         found = Problem.of(scene, goal_in(scene, self.goal), self.workspace, hold_aside=self.hold_aside)
-        found = replace(found, motions=self.motions.for_next_scene())
+        found = replace(found, motions=self.motions.for_next_scene(), checkers=self.checkers)
         found.candidates.learn_for(found.scene, self.candidates)
         return found
 

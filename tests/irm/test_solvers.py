@@ -154,11 +154,11 @@ def test_solutions_left_out_as_mirrored_have_the_links_of_others_at_the_same_pla
         T = forward(chain, q)
         pose, roll = (solver, np.ascontiguousarray(T[:3, :3]), T[:3, 3].copy(), q[0]), q[solver.free]
         count, kept = arm_solutions(*pose, roll, every, MIRRORED), arm_solutions(*pose, roll, some, NOT_MIRRORED)
-        np.testing.assert_array_equal(some[:kept], [one for one in every[:count] if one[solver.elbow] >= 0.0])
+        np.testing.assert_array_equal(some[:kept], every[:count][every[:count, solver.elbow] >= 0.0])
         # The others bend the elbow the other way, with the upper arm half a turn on.
         kept = arm_solutions(*pose, roll + np.pi if roll < 0.0 else roll - np.pi, some, NOT_MIRRORED)
         places = [link_origins(chain, one) for one in some[:kept]]
-        for one in (one for one in every[:count] if one[solver.elbow] < 0.0):
+        for one in every[:count][every[:count, solver.elbow] < 0.0]:
             assert min(np.abs(link_origins(chain, one) - other).max() for other in places) < 1e-6
             left_out += 1
     assert left_out > 100
