@@ -196,16 +196,27 @@ def with_numbers(value: TupleT, **numbers: float | np.uint64) -> TupleT:
     """Copy a packed tuple with other numbers, of the same types, in some of its last fields. Much faster than
     `packed`."""
     before, copy = cast(_Packed, value), _Packed.__new__(_Packed)
-    fields, of_fields = before.value._fields, before.layout[1]
     copy.value, copy.words, copy.layout = before.value._replace(**numbers), before.words.copy(), before.layout
     copy.address, copy._numba_type_ = int(copy.words.__array_interface__["data"][0]), before._numba_type_
+    last = _last_numbers(before.layout)
     for name, number in numbers.items():
-        index = fields.index(name)
-        if any(one not in _SCALARS for one in of_fields[index:]) or type(number) is not of_fields[index]:
-            raise TypeError(f"{name} = {number!r} is not a {of_fields[index]} among the last fields")
-        words = copy.words.view(np.float64) if isinstance(number, float) else copy.words
-        words[index - len(fields)] = number
+        place, kind = last.get(name, (0, None))
+        if type(number) is not kind:
+            raise TypeError(f"{name} = {number!r} is not a {kind} among the last fields")
+        words = copy.words.view(np.float64) if kind is float else copy.words
+        words[place] = number
     return cast(TupleT, copy)
+
+
+@cache
+def _last_numbers(layout: Layout) -> dict[str, tuple[int, type]]:
+    """Place, from the end of the memory, and type of each of the last fields that are numbers, by name."""
+    named, kinds = list(zip(layout[0]._fields, layout[1], strict=True)), {}  # type: ignore[attr-defined]  # a named tuple
+    for place, (name, kind) in enumerate(reversed(named), 1):
+        if not isinstance(kind, type):
+            break
+        kinds[name] = -place, kind
+    return kinds
 
 
 def _words_of(value: tuple[Any, ...]) -> tuple[list[NDArray[np.uint64]], Layout]:

@@ -23,6 +23,7 @@ from irm.chain import ArmChain, ChainArrays, chain_arrays
 from irm.compilation import njit
 from irm.grid import MapGrid, MapParameters, nearest_orientation, orientation_neighbours
 from irm.ik.arm_solver import SolverArrays
+from irm.ik.closed_form import MIRRORED
 from irm.ik.numerical import approach_pose, random_seeds
 from irm.ik.solvers import ITERATIVE, arm_solutions, free_angles, solver_arrays
 from irm.kernel_arguments import pointer_to
@@ -367,7 +368,7 @@ def _complete_layer(arm: _Arm, solver: SolverArrays, angles: Floats, centres: _C
                     continue
                 goal[0], goal[1], goal[2] = centres.x[x], centres.y[y], centres.z
                 for angle in angles:
-                    for k in range(arm_solutions(solver, centres.R[o], goal, 0.0, angle, found)):
+                    for k in range(arm_solutions(solver, centres.R[o], goal, 0.0, angle, found, MIRRORED)):
                         if not _is_wanted(growth, images, (o, x, y), found[k]):
                             continue
                         fk_frames(arm.chain.offsets, arm.chain.axes, arm.chain.tip, found[k], frames.R, frames.p)

@@ -8,6 +8,7 @@ problem = problem.in_scene(changed)  # objects have moved: results for unmoved p
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -20,6 +21,7 @@ from planners.collision.world import SUPPORT_SLACK, CompiledScenes, validate
 from planners.goals import Clear, Fact, Goal, Inside, On, levels_under
 from planners.grasping.candidates import GraspCandidates
 from planners.motion.kept import KeptMotions
+from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.regions import RESTING
 from planners.scene import Body, Scene, SceneError
 from planners.workspace import Workspace
@@ -37,6 +39,7 @@ class Problem:
         workspace: the robot among the static obstacles, with the options of a whole solve.
         hold_aside: whether one arm may hold an obstacle while another one takes the target.
         compiled: collision worlds of the arrangements so far.
+        checkers: MuJoCo's models of the scenes, by what they are built from.
         motions: motions planned for this scene, to reuse in the next one, and motions of the scene before.
         candidates: the grasps known in the scene, before any is refuted by a motion. Each plan uses a copy.
     """
@@ -48,8 +51,9 @@ class Problem:
     hold_aside: bool = False
     compiled: CompiledScenes = field(default_factory=CompiledScenes, repr=False)
     motions: KeptMotions = field(default_factory=KeptMotions, repr=False)
+    checkers: dict[Hashable, MujocoCollisionChecker] = field(default_factory=dict, repr=False)
     candidates: GraspCandidates = field(init=False, repr=False)
-    _bounds: dict[tuple[int, bool], LowerBound] = field(default_factory=dict, repr=False)
+    _bounds: dict[tuple[int, bool, float], LowerBound] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         candidates = replace(self.workspace.grasps(self.compiled), remembers=True)
@@ -87,7 +91,7 @@ class Problem:
         if _fixed(scene) != _fixed(self.scene):
             raise SceneError("the robot, the static obstacles or the supports are others: ask for a new problem")
         found = Problem.of(scene, goal_in(scene, self.goal), self.workspace, hold_aside=self.hold_aside)
-        found = replace(found, motions=self.motions.for_next_scene())
+        found = replace(found, motions=self.motions.for_next_scene(), checkers=self.checkers)
         found.candidates.learn_for(found.scene, self.candidates)
         return found
 
@@ -115,7 +119,8 @@ class Problem:
             return found
         if deadline.is_over:
             return self.without_closer_look(found)
-        closer = self.closer.first_bound(expansions, deadline, is_exact=is_exact)
+        fewer_than = math.inf if found.picks is None else found.picks
+        closer = self.closer.first_bound(expansions, deadline, is_exact=is_exact, fewer_than=fewer_than)
         if closer.picks is not None and (found.picks is None or closer.picks < found.picks):
             return closer
         least, is_proved = min(found.least, closer.least), found.proved and closer.proved
@@ -137,33 +142,33 @@ class Problem:
         return len({*must_move(self.scene, self.goal, self.start)} - {*self.scene.held_names})
 
     def first_bound(
-        self, expansions: int = MAX_EXPANSIONS, deadline: Deadline = NO_DEADLINE, *, is_exact: bool = True
+        self,
+        expansions: int = MAX_EXPANSIONS,
+        deadline: Deadline = NO_DEADLINE,
+        *,
+        is_exact: bool = True,
+        fewer_than: float = math.inf,
     ) -> LowerBound:
-        """Find the lower bound for the base poses that plans begin with, cached."""
+        """Find the lower bound for the base poses that plans begin with, cached. See `fewest_picks`."""
         # What is known exactly serves for both.
-        key = expansions, is_exact or (expansions, True) in self._bounds
+        key = expansions, is_exact or (expansions, True, fewer_than) in self._bounds, fewer_than
         if key not in self._bounds:
-            found = self._fewest_picks(self.candidates, is_exact, expansions, deadline)
+            found = fewest_picks(
+                self.scene,
+                self.goal,
+                self.candidates,
+                self.start,
+                search=self.workspace.placements(),
+                buffers=not self.hold_aside,
+                is_exact=is_exact,
+                fewer_than=fewer_than,
+                expansions=expansions,
+                deadline=deadline,
+            )
             if deadline.is_over:
                 return found
             self._bounds[key] = found
         return self._bounds[key]
-
-    def _fewest_picks(
-        self, candidates: GraspCandidates, is_exact: bool, expansions: int, deadline: Deadline
-    ) -> LowerBound:
-        """The bound for these grasps."""
-        return fewest_picks(
-            self.scene,
-            self.goal,
-            candidates,
-            self.start,
-            search=self.workspace.placements(),
-            buffers=not self.hold_aside,
-            is_exact=is_exact,
-            expansions=expansions,
-            deadline=deadline,
-        )
 
 
 def goal_in(scene: Scene, goal: str | Goal, start: Scene | None = None) -> Goal:

@@ -26,7 +26,7 @@ distance ρ from the pan axis, on φ = bearing of the wrist centre - pan, and on
 from __future__ import annotations
 
 from math import acos, asin, atan2, ceil, cos, floor, hypot, pi, sin, sqrt
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,46 +34,56 @@ from numpy.typing import NDArray
 from irm.answers import NO, UNKNOWN, YES
 from irm.chain import ChainArrays
 from irm.compilation import njit
+from irm.kernel_arguments import inlined_kernel, leaf_kernel
 from irm.kinematics import fk_frames, wrap
 
 Floats = NDArray[np.float64]
+Cosines: TypeAlias = tuple[float, float, float, float]
 MAX_SOLUTIONS = 8
 """For a fixed torso and upper-arm roll: two elbow cosines × two elbow signs × two wrists."""
 _SINGULAR = 1e-9
 """Sine or length [m] below which an angle is undefined and is set to 0."""
+MIRRORED, NOT_MIRRORED = np.bool_(True), np.bool_(False)
+"""Whether solutions with a negative elbow are wanted. Typed, so that kernels are not compiled again for constants."""
 _NO_ROWS = np.int64(0)
 """Zero with a type, so that `_wrist` is not compiled again for the constant."""
 _ROUNDING = 1e-9
 """Largest excess of a cosine beyond ±1, or of an angle beyond its limit [rad], due to rounding."""
 
 
-@njit(cache=True)
-def _wrist(arm: ChainArrays, q: Floats, R: Floats, out: Floats, count: int) -> int:
-    """Complete shoulder and elbow in `q[1:5]` with both wrist solutions that give the TCP orientation `R`.
+@inlined_kernel
+def _in_forearm(x: float, y: float, z: float, c: Cosines, s: Cosines) -> tuple[float, float, float]:
+    """A vector of the base frame in the frame after (Rz(q1) Ry(q2) Rx(q3) Ry(q4))."""
+    x, y = c[0] * x + s[0] * y, c[0] * y - s[0] * x
+    x, z = c[1] * x - s[1] * z, c[1] * z + s[1] * x
+    y, z = c[2] * y + s[2] * z, c[2] * z - s[2] * y
+    return c[3] * x - s[3] * z, y, c[3] * z + s[3] * x
 
-    With R47 = (Rz(q1) Ry(q2) Rx(q3) Ry(q4))ᵀ R = Rx(q5) Ry(q6) Rx(q7), its first column gives q5 and q6, its first row
-    q6 and q7. Writes the solutions within the limits into `out[count:]`. Returns the new count.
+
+@leaf_kernel
+def _wrist(arm: ChainArrays, R: Floats, out: Floats, count: int) -> int:
+    """Complete shoulder and elbow in `out[count, :5]` with both wrist solutions that give the TCP orientation `R`.
+
+    As R47 = Rx(q5) Ry(q6) Rx(q7), its first column gives q5 and q6, its first row q6 and q7. Writes the solutions
+    within the limits into `out[count:]`. Returns the new count.
     """
-    M = R.copy()
-    for joint in range(1, 5):
-        c = cos(q[joint])
-        s = sin(q[joint])
-        for k in range(3):
-            x, y, z = M[0, k], M[1, k], M[2, k]
-            if joint == 1:
-                M[0, k], M[1, k] = c * x + s * y, c * y - s * x
-            elif joint == 3:
-                M[1, k], M[2, k] = c * y + s * z, c * z - s * y
-            else:
-                M[0, k], M[2, k] = c * x - s * z, c * z + s * x
-    flex = acos(min(1.0, max(-1.0, M[0, 0])))
+    first = out[count]
+    c = cos(first[1]), cos(first[2]), cos(first[3]), cos(first[4])
+    s = sin(first[1]), sin(first[2]), sin(first[3]), sin(first[4])
+    xx, xy, xz = _in_forearm(R[0, 0], R[1, 0], R[2, 0], c, s)
+    yx, yy, yz = _in_forearm(R[0, 1], R[1, 1], R[2, 1], c, s)
+    zx = _in_forearm(R[0, 2], R[1, 2], R[2, 2], c, s)[0]
+    flex = acos(min(1.0, max(-1.0, xx)))
     if sin(flex) < _SINGULAR:
         wrists = 1
-        roll5, roll7 = 0.0, atan2(M[2, 1], M[1, 1]) if M[0, 0] > 0.0 else atan2(-M[2, 1], M[1, 1])
+        roll5, roll7 = 0.0, atan2(yz, yy) if xx > 0.0 else atan2(-yz, yy)
     else:
         wrists = 2
-        roll5, roll7 = atan2(M[1, 0], -M[2, 0]), atan2(M[0, 1], M[0, 2])
+        roll5, roll7 = atan2(xy, -xz), atan2(yx, zx)
     for k in range(wrists):
+        q = out[count]
+        for joint in range(5):
+            q[joint] = first[joint]
         q[5] = roll5 if k == 0 else wrap(roll5 + pi)
         q[6] = flex if k == 0 else -flex
         q[7] = roll7 if k == 0 else wrap(roll7 + pi)
@@ -83,16 +93,20 @@ def _wrist(arm: ChainArrays, q: Floats, R: Floats, out: Floats, count: int) -> i
                 inside = False
         if inside:
             for joint in range(8):
-                out[count, joint] = min(arm.upper[joint], max(arm.lower[joint], q[joint]))
+                q[joint] = min(arm.upper[joint], max(arm.lower[joint], q[joint]))
             count += 1
     return count
 
 
-@njit(cache=True)
-def ik_arm(arm: ChainArrays, R: Floats, p: Floats, torso: float, upper_arm_roll: float, out: Floats) -> int:
+@leaf_kernel
+def ik_arm(
+    arm: ChainArrays, R: Floats, p: Floats, torso: float, upper_arm_roll: float, out: Floats, mirrored: bool
+) -> int:
     """Find every solution for a TCP at `R` (3, 3), `p` (3,) in the base frame, with given torso and upper-arm roll.
 
-    Writes them into `out` (8, 8), rows of (torso, arm) with roll joints in [-π, π]. Returns their number.
+    Writes them into `out` (8, 8), rows of (torso, arm) with roll joints in [-π, π]. Returns their number. Without
+    `mirrored`, only those with a positive elbow: the others have the links of those for the upper-arm roll half a turn
+    on at the same places.
 
     The wrist centre seen from the lift axis is v = Ry(q2) u with u = (L1 + L2 c4, L2 s3 s4, -L2 c3 s4). Equating
     lengths gives v_x as a linear function of c4, and v_x² + v_z² = u_x² + u_z² a quadratic in c4.
@@ -115,8 +129,6 @@ def ik_arm(arm: ChainArrays, R: Floats, p: Floats, torso: float, upper_arm_roll:
     discriminant = b * b - 4.0 * a * c
     if not discriminant >= 0.0:
         return 0
-    q = np.empty(8)
-    q[0], q[3] = torso, upper_arm_roll
     half = -0.5 * (b + (sqrt(discriminant) if b >= 0.0 else -sqrt(discriminant)))
     count = _NO_ROWS
     for root in range(2):
@@ -132,15 +144,16 @@ def ik_arm(arm: ChainArrays, R: Floats, p: Floats, torso: float, upper_arm_roll:
             continue
         c4 = min(1.0, max(-1.0, c4))
         vx = offset + slope * c4
-        for sign in range(2):
-            q[4] = acos(c4) if sign == 0 else -acos(c4)
-            if sign == 1 and q[4] == 0.0:
+        for sign in range(2 if mirrored else 1):
+            elbow = acos(c4) if sign == 0 else -acos(c4)
+            if sign == 1 and elbow == 0.0:
                 continue
-            s4 = sin(q[4])
+            s4, q = sin(elbow), out[count]
             ux, uy, uz = L1 + L2 * c4, L2 * s3 * s4, -L2 * c3 * s4
+            q[0], q[3], q[4] = torso, upper_arm_roll, elbow
             q[1] = wrap(atan2(wy, wx) - atan2(uy, shoulder_x + vx))
             q[2] = wrap(atan2(uz, ux) - atan2(vz, vx))
-            count = _wrist(arm, q, R, out, count)
+            count = _wrist(arm, R, out, count)
     return int(count)
 
 

@@ -24,7 +24,7 @@ from irm.chain import ArmChain, ChainArrays, ChainKey, chain_arrays
 from irm.compilation import njit
 from irm.errors import QueryError
 from irm.ik.arm_solver import SolverArrays
-from irm.ik.closed_form import decide_poses, ik_arm
+from irm.ik.closed_form import MIRRORED, decide_poses, ik_arm
 from irm.ik.numerical import random_seeds, refine, refine_within
 from irm.ik.outer_reach import are_out_of_reach
 from irm.ik.ranges import TOLERANCE
@@ -286,7 +286,9 @@ def _solver_without_address(chain: ArmChain) -> SolverArrays:
 
 
 @njit(cache=True)
-def arm_solutions(arm: SolverArrays, R: Floats, p: Floats, torso: float, free: float, found: Floats) -> int:
+def arm_solutions(
+    arm: SolverArrays, R: Floats, p: Floats, torso: float, free: float, found: Floats, mirrored: bool
+) -> int:
     """Find every configuration within the limits that reaches a TCP pose, for given free parameters.
 
     Args:
@@ -295,12 +297,14 @@ def arm_solutions(arm: SolverArrays, R: Floats, p: Floats, torso: float, free: f
         torso: height of the lift [m].
         free: value of the second free parameter, see `free_angles`.
         found: (8, 1 + n) filled with rows of (torso, arm).
+        mirrored: MIRRORED or, of Fetch's closed form, only solutions with a positive elbow. The others have the links
+            of a solution for the free joint half a turn on at the same places.
 
     Returns:
         The number of rows.
     """
     if arm.kind == CLOSED_FORM:
-        return ik_arm(arm.chain, R, p, torso, free, found)
+        return ik_arm(arm.chain, R, p, torso, free, found, mirrored)
     return call_at(arm.other_solutions, (arm, R, p, torso, free, found))
 
 
@@ -343,7 +347,7 @@ def _solutions_on_grid(arm: SolverArrays, R: Floats, p: Floats, torsos: Floats, 
     rows, found, total = np.empty((8 * torsos.size * angles.size, n)), np.empty((8, n)), 0
     for torso in torsos:
         for angle in angles:
-            count = arm_solutions(arm, R, p, torso, angle, found)
+            count = arm_solutions(arm, R, p, torso, angle, found, MIRRORED)
             rows[total : total + count] = found[:count]
             total += count
     return rows[:total].copy()
@@ -396,7 +400,7 @@ def _find_free(
     for torso in torsos:
         gripper_is_free = False
         for angle in angles:
-            count = arm_solutions(arm, R, p, torso, angle, found)
+            count = arm_solutions(arm, R, p, torso, angle, found, MIRRORED)
             reached += count > 0
             for k in range(count):
                 fk_frames(arm.chain.offsets, arm.chain.axes, arm.chain.tip, found[k], frames, origins)
@@ -453,7 +457,7 @@ def _improve(
     arm_jacobian(chain.axes, frames, origins, J)
     best = condition(J, A, d, e)
     for angle in angles:
-        for k in range(arm_solutions(arm, R, p, torso, angle, found)):
+        for k in range(arm_solutions(arm, R, p, torso, angle, found, MIRRORED)):
             fk_frames(chain.offsets, chain.axes, chain.tip, found[k], frames, origins)
             arm_jacobian(chain.axes, frames, origins, J)
             mu = condition(J, A, d, e)

@@ -18,8 +18,10 @@ objects put aside is then the lower bound. It is exact if an order of its picks 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
@@ -29,6 +31,7 @@ from planners.clearing.lower_bound import MAX_EXPANSIONS, Blockers, self_clearab
 from planners.clock import NO_DEADLINE, Deadline
 from planners.goals import Clear, Goal, On, occupants
 from planners.grasping.candidates import GraspCandidates
+from planners.grasping.scan_kernel import Few
 from planners.placing.blockers import PutDownMasks, can_be_released, is_put_down_free, put_down_masks
 from planners.placing.goal_places import Place, in_the_way, must_go_first, place_of, without_room
 from planners.placing.locations import stand_at
@@ -85,6 +88,7 @@ def fewest_picks(
     search: PlacementSearch | None = None,
     buffers: bool = True,
     is_exact: bool = True,
+    fewer_than: float = math.inf,
     expansions: int = MAX_EXPANSIONS,
     deadline: Deadline = NO_DEADLINE,
 ) -> LowerBound:
@@ -100,6 +104,7 @@ def fewest_picks(
         buffers: whether objects put aside are put down, and so picked again. False if they may stay in a hand.
         is_exact: whether to look for hands that fit under a shelf, without which `proved` is not said there, and for
             hands that fit at each place at all, without which it is not proved that none does. Both may take seconds.
+        fewer_than: plans with that many picks, of which one is known, or more count as none. This is found sooner.
         expansions: limit of search nodes for the proof.
         deadline: when to stop.
     """
@@ -108,11 +113,13 @@ def fewest_picks(
         return LowerBound(0, (), (), True, 0)
     if nowhere := without_room(scene, goal, to_move)[0]:
         return LowerBound(None, nowhere, (), True, 0, Cause.NO_CLEARANCE_LOCATION)
-    stuck = tuple(name for name in to_move if name not in scene.held_names and not candidates.blockers(scene, name))
+    few = None if math.isinf(fewer_than) else Few(scene.mask(set(to_move) - set(scene.held_names)), int(fewer_than))
+    to_take = [name for name in to_move if few is None and name not in scene.held_names]
+    stuck = tuple(name for name in to_take if not candidates.blockers(scene, name))
     waiting_for = waits_for(scene, goal, to_move)
     puts = _put_downs(scene, goal, to_move, waiting_for, candidates, search) if search and buffers else {}
     stuck = stuck or tuple(name for name, masks in puts.items() if not masks.ever)
-    if search and is_exact and not stuck:
+    if search and is_exact and few is None and not stuck:
         moving = [fact for fact in goal.placed if fact.object in to_move and fact.where not in to_move]
         stuck = tuple(
             fact.object
@@ -123,7 +130,7 @@ def fewest_picks(
         return LowerBound(None, stuck, (), True, 0, Cause.UNREACHABLE)
     table = PickTable(
         scene.names,
-        lambda name: candidates.blockers(scene, name),
+        partial(candidates.blockers, scene) if few is None else partial(candidates.minimal_blockers, scene, few=few),
         to_move,
         {name: scene.mask(names) for name, names in waiting_for.items()},
         puts,
@@ -133,8 +140,9 @@ def fewest_picks(
         scene.held_names,
         len(scene.robot.acting_arms),
         buffers,
+        None if few is None else partial(candidates.hit_by_gripper, scene),
     )
-    found = table.fewest(expansions, deadline)
+    found = table.fewest(expansions, deadline, fewer_than)
     if not found.proved or found.picks is None:
         return found
     is_unknown = _may_be_in_the_way(scene, goal, to_move, waiting_for) or _may_be_blocked_under_a_shelf(
@@ -162,6 +170,7 @@ class PickTable:
         held: names of the objects in a hand.
         hands: number of hands.
         buffers: whether objects put aside are put down, and so picked again.
+        hits: masks of which each blocker mask of `takes` contains one, sooner computed. None for none.
     """
 
     names: Sequence[str]
@@ -175,6 +184,7 @@ class PickTable:
     held: Sequence[str] = ()
     hands: int = 1
     buffers: bool = True
+    hits: Blockers | None = None
 
     def _below(self, name: str) -> Iterator[str]:
         """Names of the objects below an object at its end."""
@@ -182,15 +192,19 @@ class PickTable:
             name = self.on[name]
             yield name
 
-    def fewest(self, expansions: int = MAX_EXPANSIONS, deadline: Deadline = NO_DEADLINE) -> LowerBound:
-        """Find the fewest picks after which every object that must move is at its end.
+    def fewest(
+        self, expansions: int = MAX_EXPANSIONS, deadline: Deadline = NO_DEADLINE, fewer_than: float = math.inf
+    ) -> LowerBound:
+        """Find the fewest picks after which every object that must move is at its end. See `fewest_picks`.
 
         With several hands, an object may stay in one of them until its place is free. A plan that never puts anything
         aside needs the fewest picks. If no order of such moves is found, the fewest picks are only proved to be between
         that number and the one with everything put aside.
         """
-        aside = self._fewest(expansions, deadline, self.buffers)
-        if self.hands < 2 or not self.buffers or aside.picks is None:
+        if self.hands < 2 or not self.buffers:
+            return self._fewest(expansions, deadline, self.buffers, fewer_than)
+        aside = self._fewest(expansions, deadline, True)
+        if aside.picks is None:
             return aside
         in_hand = self._fewest(expansions, deadline, False)
         if in_hand.picks is None or in_hand.least >= aside.picks:
@@ -243,7 +257,7 @@ class PickTable:
                     stack.append(state)
         return ()
 
-    def _fewest(self, expansions: int, deadline: Deadline, buffers: bool) -> LowerBound:
+    def _fewest(self, expansions: int, deadline: Deadline, buffers: bool, fewer_than: float = math.inf) -> LowerBound:
         """Find the fewest picks if objects that are put aside are picked again (`buffers`), or never are."""
         waits, puts = self.waits, self.puts
         names_of = {name: [one for k, one in enumerate(self.names) if mask >> k & 1] for name, mask in waits.items()}
@@ -265,7 +279,7 @@ class PickTable:
         for a, b in self.order:
             earlier[b] |= put.get(a, 0)
 
-        def options(name: str) -> Sequence[int]:
+        def options(takes: Blockers, name: str) -> Sequence[int]:
             """Blockers of each option, with the objects that the object waits for."""
             if name == _GOAL:
                 return [wanted & ~held | sum(put.values())]
@@ -273,7 +287,7 @@ class PickTable:
                 return [0]
             if name.startswith(_PUT):
                 return put_down(name.removeprefix(_PUT))
-            masks = [(mask | earlier[name]) & ~held for mask in self.takes(name)]
+            masks = [(mask | earlier[name]) & ~held for mask in takes(name)]
             if name not in twice:
                 return masks
             hit = puts.get(name, PutDownMasks()).straight if not waits[name] & bit[name] else ()
@@ -288,15 +302,25 @@ class PickTable:
             before = waits[name] & ~bit[name] & ~held | sum({put.get(one, 0) for one in self._below(name)})
             return [mask & ~held | before for mask in puts.get(name, PutDownMasks()).ever]
 
-        found = next(self_clearable_sets(options, _GOAL, names, expansions=expansions, deadline=deadline))
-        if found.count is None:
-            cause = found.cause if found.cause == Cause.TIME_LIMIT else Cause.NO_SELF_CLEARABLE_SET
-            return LowerBound(None, tuple(self.to_move), (), found.proved, found.lower_bound, cause, found.expansions)
         # A held object is picked again if the hand is needed for others, or if the object's place is not free.
         rest = set(self.to_move) - set(self.held) - (set(self.hold) if len(self.hold) <= self.hands else set())
         in_vain = [name for name in self.held if waits.get(name, 0) & ~held or name in puts]
         again = sum(name in in_vain or (name in self.hold and bool(rest)) for name in self.held)
         more = (again if buffers else 0) - len(blocked)
+        sets = self_clearable_sets(
+            partial(options, self.takes),
+            _GOAL,
+            names,
+            fewer_than=fewer_than - more,
+            at_least=None if self.hits is None else partial(options, self.hits),
+            expansions=expansions,
+            deadline=deadline,
+        )
+        found = next(sets)
+        if found.count is None:
+            cause = found.cause if found.cause == Cause.TIME_LIMIT else Cause.NO_SELF_CLEARABLE_SET
+            least = max(found.lower_bound + more, 0)
+            return LowerBound(None, tuple(self.to_move), (), found.proved, least, cause, found.expansions)
         objects = tuple(name for name in found.objects if name in self.names)
         aside = tuple(name.removeprefix(_ASIDE) for name in found.objects if name.startswith(_ASIDE))
         count, least = found.count + more, found.lower_bound + more

@@ -9,6 +9,7 @@ objects to clear.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -75,6 +76,8 @@ def self_clearable_sets(
     names: Sequence[str],
     *,
     slack: int = 0,
+    fewer_than: float = math.inf,
+    at_least: Blockers | None = None,
     expansions: int = MAX_EXPANSIONS,
     deadline: Deadline = NO_DEADLINE,
 ) -> Iterator[ClearanceFloor]:
@@ -86,20 +89,26 @@ def self_clearable_sets(
     It always yields at least one result. If no set exists, the result says why. If the limit is reached before the
     first set is proved smallest, the result has `proved=False` and both bounds. The iterator ends early at the limit
     and at the deadline. If no set is known by the deadline, the cause of its one result is TIME_LIMIT.
+
+    With `fewer_than`, sets with that many objects or more count as none. `at_least` are masks that are sooner computed:
+    each option hits at least one of them. The options of an object are computed only if it is needed with these masks.
     """
-    enumeration = _Enumeration(_Options(blockers, target, names), expansions, deadline)
+    enumeration = _Enumeration(_Options(blockers, at_least, target, names), expansions, deadline)
     fewest: int | None = None
-    while enumeration.size and (fewest is None or enumeration.size - 1 <= fewest + slack):
+    while 0 < enumeration.size <= fewer_than and (fewest is None or enumeration.size - 1 <= fewest + slack):
         for found in enumeration.sets_of_size():
             fewest = found.bit_count() - 1 if fewest is None else fewest
             yield enumeration.result(found, proved=True, lower_bound=fewest)
         if enumeration.is_out_of_limits:
             break
     if fewest is None:
-        found = enumeration.greedy() if enumeration.size else 0
+        found = enumeration.greedy() if 0 < enumeration.size <= fewer_than else 0
         if deadline.is_over:
             lower_bound, expansions = max(enumeration.size - 1, 0), enumeration.expansions
             yield ClearanceFloor(None, (), False, lower_bound, (), Cause.TIME_LIMIT, expansions)
+        elif enumeration.size > fewer_than:
+            cause, lower_bound = Cause.NO_SELF_CLEARABLE_SET, enumeration.size - 1
+            yield ClearanceFloor(None, (), True, lower_bound, (), cause, enumeration.expansions)
         elif found:
             yield enumeration.result(found, proved=False, lower_bound=enumeration.size - 1)
         else:
@@ -174,11 +183,15 @@ class _Enumeration:
 
 
 class _Options:
-    """Options loaded on demand. Until an object is loaded, it is regarded as free to take, which is optimistic."""
+    """Options loaded on demand. Until an object is loaded, it is regarded as free to take, which is optimistic.
 
-    def __init__(self, blockers: Blockers, target: str, names: Sequence[str]) -> None:
+    With masks that each option hits `at_least`, an object has these first. They are optimistic, too.
+    """
+
+    def __init__(self, blockers: Blockers, at_least: Blockers | None, target: str, names: Sequence[str]) -> None:
         self.names, self.target = names, names.index(target)
-        self._blockers = blockers
+        self._stages = (blockers,) if at_least is None else (at_least, blockers)
+        self._loaded: dict[int, int] = {}
         self._declared: dict[int, tuple[int, ...]] = {}
         self._minimal: dict[int, list[int]] = {}
         self._arrays: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
@@ -191,12 +204,15 @@ class _Options:
         return any(mask < 1 << MAX_OBJECTS for mask in self._declared[self.target])
 
     def load(self, mask: int, deadline: Deadline = NO_DEADLINE) -> bool:
-        """Load the options of every object of `mask`, until the deadline. Return whether any were missing."""
-        missing = [index for index in bits(mask) if index not in self._declared]
+        """Load the next stage of options of every object of `mask`, until the deadline. Return whether any were
+        missing."""
+        missing = [index for index in bits(mask) if self._loaded.get(index, 0) < len(self._stages)]
         for index in missing:
             if deadline.is_over:
                 break
-            masks = tuple(int(mask) & ~(1 << index) for mask in self._blockers(self.names[index]))
+            stage = self._loaded.get(index, 0)
+            masks = tuple(int(mask) & ~(1 << index) for mask in self._stages[stage](self.names[index]))
+            self._loaded[index] = stage + 1
             self._declared[index] = masks
             # Nothing waits for the target, which is taken last. Masks that contain another usable mask are redundant.
             forbidden = 0 if index == self.target else 1 << self.target

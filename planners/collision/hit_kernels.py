@@ -40,6 +40,8 @@ _ONE = np.uint64(1)
 _NONE = np.uint64(0)
 _STATIC = np.uint64(1 << STATIC_BIT)
 _SELF = np.uint64(1 << SELF_BIT)
+_FIRST = np.int64(0)
+"""First solid. Typed, so that kernels are not compiled again for the constant."""
 _BLOCK = 6
 """Checks along a path that a single check with more padding may replace."""
 _AROUND = 4
@@ -242,6 +244,7 @@ def _touch(a: Solids, i: int, b: Solids, j: int, padding: float, simplex: Array)
 @leaf_kernel
 def _object_hits(
     solids: Solids,
+    begin: int,
     count: int,
     obstacles: Obstacles,
     wanted: np.uint64,
@@ -249,13 +252,13 @@ def _object_hits(
     first_only: bool,
     simplex: Array,
 ) -> np.uint64:
-    """Mask of the wanted objects that are nearer than `padding` [m] to the first `count` solids."""
+    """Mask of the wanted objects that are nearer than `padding` [m] to the solids from `begin` up to `count`."""
     pieces, first, radius = obstacles.pieces, obstacles.first, obstacles.radius
     bottom, top, centre = obstacles.bottom, obstacles.top, obstacles.centre
     lower, upper = obstacles.lower, obstacles.upper
     position, bounds = solids.position, solids.bound
     hits = _NONE
-    for i in range(count):
+    for i in range(begin, count):
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         bound = bounds[i] + padding
         if z - bound >= upper[2] or z + bound <= lower[2] or x - bound >= upper[0] or x + bound <= lower[0]:
@@ -303,19 +306,25 @@ def _solid_hits_static(
 
 
 @leaf_kernel
-def arm_hits_static(query: CollisionQuery, base: Array, q: Array) -> bool:
-    """Whether the robot without its gripper hits a static obstacle. Primitives are placed until the first hit."""
-    robot, scratch, link = query.robot, query.scratch, query.robot.link
+def arm_hits(query: CollisionQuery, active: np.uint64, base: Array, q: Array) -> np.uint64:
+    """Mask of the objects and static obstacles that the robot without its gripper hits.
+
+    As most configurations hit something static, this is found out while the primitives are placed, and ends the check.
+    """
+    robot, obstacles, scratch, padding = query.robot, query.obstacles, query.scratch, query.padding
+    solids, simplex, link, count = scratch.solids, scratch.simplex, robot.link, robot.core.shape[0]
     fk_frames(robot.offsets, robot.axes, robot.tip, q, scratch.R, scratch.p)
     _move_frames(scratch.R, scratch.p, robot.offsets.shape[0] + 1, base)
-    for i in range(robot.held_from, robot.core.shape[0]):
-        is_base = link[i] == BASE
-        if is_base and robot.stands:
-            continue
+    for i in range(robot.held_from, count):
         _place_solid(robot, scratch, 0.0, i)
-        if _solid_hits_static(scratch.solids, i, is_base, query.obstacles, query.padding, scratch.simplex):
-            return True
-    return False
+        if active & _STATIC == _NONE or (link[i] == BASE and robot.stands):
+            continue
+        if _solid_hits_static(solids, i, link[i] == BASE, obstacles, padding, simplex):
+            return np.uint64(_STATIC)
+    wanted = active & ~(_STATIC | _SELF)
+    if query.attached.bit >= 0:
+        wanted &= ~(_ONE << np.uint64(query.attached.bit))
+    return _object_hits(solids, robot.held_from, count, obstacles, wanted, padding, query.first_only, simplex)
 
 
 @leaf_kernel
@@ -393,7 +402,7 @@ def _configuration_hits(query: CollisionQuery, active: np.uint64, base: Array, q
     if held > 0:
         wanted &= ~(_ONE << np.uint64(query.attached.bit))
     if wanted != _NONE:
-        hits = _object_hits(solids, count + held, obstacles, wanted, padding, query.first_only, simplex)
+        hits = _object_hits(solids, _FIRST, count + held, obstacles, wanted, padding, query.first_only, simplex)
     if query.first_only and hits != _NONE:
         return np.uint64(hits)
     if active & _STATIC != _NONE and _hits_static(
@@ -478,7 +487,7 @@ def is_clear_around(query: CollisionQuery, x: Array, opening: float, slack: Arra
     is_clear = True
     if wanted != _NONE:
         first_only = wanted != _NONE  # true. A constant would make numba compile the kernel again
-        is_clear = _object_hits(solids, count + held, obstacles, wanted, padding, first_only, simplex) == _NONE
+        is_clear = _object_hits(solids, _FIRST, count + held, obstacles, wanted, padding, first_only, simplex) == _NONE
     if is_clear and active & _STATIC != _NONE:
         is_clear = not _hits_static(solids, count, held, obstacles, link, robot.stands, padding, simplex)
     for i in range(count + 2 * held):

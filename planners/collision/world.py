@@ -149,7 +149,8 @@ class CollisionWorld:
 
     def active(self, ignore: int = 0) -> np.uint64:
         """All bits except those of `ignore` and of objects in idle arms, which are a part of the robot."""
-        return np.uint64(_ALL & ~int(ignore) & ~self.scene.mask(one.held.name for one in self.scene.aside))
+        aside = self.scene.mask(one.held.name for one in self.scene.aside) if self.scene.aside else 0
+        return np.uint64(_ALL & ~int(ignore) & ~aside)
 
     def _carry(self, held: HeldObject | None, robot: RobotArrays) -> _Carried:
         """Data computed once for each held object, and for none. Raises `UnknownObject`.

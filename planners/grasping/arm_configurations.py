@@ -16,7 +16,7 @@ from irm.kernel_arguments import packed
 from planners.collision.driven_world import DriveWorlds, drive_worlds
 from planners.collision.scene_arrays import RobotArrays
 from planners.collision.world import CollisionWorld
-from planners.grasping.scan_kernel import make_memory, many_configuration_hits, many_gripper_hits, scan
+from planners.grasping.scan_kernel import Few, make_memory, many_configuration_hits, many_gripper_hits, scan
 from planners.scene import SELF_BIT, Body, HeldObject
 from planners.scene.cover import (
     BACK,
@@ -133,6 +133,7 @@ def scan_configurations(
     ignore: int = 0,
     first_free: bool = False,
     known: Collection[int] = (),
+    few: Few | None = None,
 ) -> ArmConfigurations:
     """Arm configurations that hit no static obstacle, not the robot itself, and as few objects as possible.
 
@@ -154,11 +155,12 @@ def scan_configurations(
         ignore: mask of bits that do not count.
         first_free: stop after the first pair, in the order given, for which some configuration hits nothing.
         known: masks of other configurations; what hits more than one of them is left out.
+        few: to find new masks of few objects alone.
     """
     parts: list[ArmConfigurations] = []
     for drive, rows in _drives(world, body, poses, held, ignore):
         chosen = poses if drive is None else GripperPoses(poses.bases[rows], poses.gripper_poses[rows])
-        found = _scan(world, drive, chosen, grid, opening, held, ignore, first_free, known)
+        found = _scan(world, drive, chosen, grid, opening, held, ignore, first_free, known, few)
         found = found._replace(pair=rows[found.pair])
         if drive is None or (first_free and len(found.q)):
             return found
@@ -225,6 +227,7 @@ def _scan(
     ignore: int,
     first_free: bool,
     known: Collection[int],
+    few: Few | None,
 ) -> ArmConfigurations:
     """The scan where the robot stands, or there and on a drive."""
     bases, gripper_poses = _rows(poses.bases), _rows(poses.gripper_poses)
@@ -240,7 +243,7 @@ def _scan(
     # Those whose gripper hits fewest objects come first: what they find rules out most of the others.
     by_hits = np.argsort(np.bitwise_count(by_gripper & ~np.uint64(FIXED_BITS)), kind="stable")
     order = np.arange(len(bases)) if first_free else by_hits
-    memory, (torsos, rolls, nearest_home, _) = make_memory(query, known), grid
+    memory, (torsos, rolls, nearest_home, _) = make_memory(query, known, few), grid
     scan(query, on_drive, shift, memory, home, bases, gripper_poses, by_gripper, order, torsos, rolls, nearest_home)
     kept, rows = memory.kept, np.flatnonzero(memory.kept.pair[: memory.kept.size[0]] >= 0)
     return ArmConfigurations(kept.q[rows], kept.pair[rows], kept.hits[rows], kept.quality[rows])

@@ -28,6 +28,7 @@ from planners.grasping.arm_configurations import (
     ArmConfigurations,
     ConfigurationGrid,
     GripperPoses,
+    gripper_hits,
     hits_of,
     scan_configurations,
 )
@@ -36,6 +37,7 @@ from planners.grasping.base_placement import MANY_BASES, STRAIGHT, TURNED, Fixed
 from planners.grasping.families import SIDE, Family, families_for
 from planners.grasping.grasp_poses import GraspPose, can_pull, generate_grasps
 from planners.grasping.push_poses import PushFamily, push_poses
+from planners.grasping.scan_kernel import Few
 from planners.scene import Body, Scene
 from planners.scene.cover import is_covered, needs_drive
 
@@ -219,6 +221,32 @@ class GraspCandidates:
         """Masks of what is in the way of each grasp of that object where it stands, fewest objects first."""
         return [grasp.blockers for grasp in self.for_object(scene, name)]
 
+    def minimal_blockers(self, scene: Scene, name: str, few: Few) -> list[int]:
+        """As `blockers`, without masks that contain another one. It takes less time, and no more grasps are kept.
+
+        Masks of too many objects are left out if they are not known yet.
+        """
+        masks, few = set[int](), few._replace(also=few.also | scene.mask({name} - set(scene.held_names)))
+        for view in self._views_of(scene).values():
+            body, known = view.body(name), self._looked_at(view, name, has_many_bases=False)
+            masks |= {grasp.blockers for grasp in known.candidates}
+            for stage in known.unseen if 0 not in masks else ():
+                masks |= {grasp.blockers for grasp in self._of_stage(view, body, stage, masks, few)}
+        return [mask for mask in masks if not any(other & ~mask == 0 for other in masks - {mask})]
+
+    def hit_by_gripper(self, scene: Scene, name: str) -> list[int]:
+        """Masks of what the gripper alone hits at each grasp, whatever base pose and arm configuration it has."""
+        masks: set[int] = set()
+        for view in self._views_of(scene).values():
+            world, body = self.compiled.world(view), view.body(name)
+            ignore = scene.mask({name, *scene.held_names})
+            for family in self._families_of(view, body):
+                if isinstance(family, BarFamily):
+                    return [0]
+                for wanted, opening in _wanted(world, body, family):
+                    masks |= set(map(int, gripper_hits(world, wanted, opening, ignore=ignore)))
+        return list(masks)
+
     def of_all_families(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
         """Grasps of that object of all families, best first: others may fit the place where it is to be put."""
         self.for_object(scene, name)
@@ -349,6 +377,10 @@ class GraspCandidates:
 
     def _through_arm(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
         """Grasps of that object with the active arm of a scene."""
+        return self._looked_at(scene, name).candidates
+
+    def _looked_at(self, scene: Scene, name: str, has_many_bases: bool = True) -> _Known:
+        """Knowledge of an object's grasps once its stages were looked at, or only those before `has_many_bases`."""
         key, body = _key(scene, name), scene.body(name)
         known = self._known.get(key)
         if known is not None and self.remembers and known.scene is not scene:
@@ -356,10 +388,12 @@ class GraspCandidates:
         if known is None:
             known = self._known[key] = _Known((), self._stages(scene, body), scene=scene)
         while known.unseen and not any(grasp.blockers == 0 for grasp in known.candidates):
-            found = self._of_stage(scene, body, known.unseen[0], known.candidates)
+            if known.unseen[0].has_many_bases and not has_many_bases:
+                break
+            found = self._of_stage(scene, body, known.unseen[0], {grasp.blockers for grasp in known.candidates})
             known = known._replace(candidates=best_first((*known.candidates, *found)), unseen=known.unseen[1:])
             self._known[key] = known
-        return known.candidates
+        return known
 
     def hits_among(self, scene: Scene, name: str, grasps: Sequence[GraspCandidate], among: int) -> NDArray[np.uint64]:
         """What grasps of an object where it stands hit among the objects of a mask: masks (k,)."""
@@ -430,8 +464,10 @@ class GraspCandidates:
         """The families by which an object is grasped, or pushed."""
         return (PushFamily(self.families),) if is_pushed(scene, body.name) else families_for(body, self.families)
 
-    def _of_stage(self, scene: Scene, body: Body, stage: _Stage, known: _Grasps = ()) -> list[GraspCandidate]:
-        """Grasps of one stage; under a shelf, where scans take long, none that hits more than a `known` one."""
+    def _of_stage(
+        self, scene: Scene, body: Body, stage: _Stage, known: Collection[int] = (), few: Few | None = None
+    ) -> list[GraspCandidate]:
+        """Grasps of one stage; under a shelf, where scans take long, none that hits more than a `known` mask."""
         found: list[GraspCandidate] = []
         for wanted, opening in _wanted(self.compiled.world(scene), body, stage.family):
             if stage.turns:
@@ -439,21 +475,28 @@ class GraspCandidates:
                 poses = self._untried(scene, body, GripperPoses(bases, wanted[index]))
                 found += self._scan(scene, body, poses, opening, stage)
             else:
-                found += self._from_map(scene, body, wanted, opening, stage, known)
+                found += self._from_map(scene, body, wanted, opening, stage, known, few)
         if not self.canonical:
             return found
         worse, robot = _WORSE * self._stages(scene, body).index(stage), scene.robot
         return [replace(grasp, quality=_canonical_quality(grasp.base, grasp.q, robot) - worse) for grasp in found]
 
     def _from_map(
-        self, scene: Scene, body: Body, wanted: Array, opening: float, stage: _Stage, known: _Grasps
+        self,
+        scene: Scene,
+        body: Body,
+        wanted: Array,
+        opening: float,
+        stage: _Stage,
+        known: Collection[int],
+        few: Few | None,
     ) -> list[GraspCandidate]:
         """The grasps from base poses of the reachability map."""
         covered, placer = is_covered(scene, body.foot), self.arms[scene.robot.arm_name]
         if stage.has_many_bases:
             bases, index = placer.bases(wanted, MANY_BASES)
             poses = self._untried(scene, body, GripperPoses(bases, wanted[index]))
-            return self._scan(scene, body, poses, opening, stage, known={grasp.blockers for grasp in known})
+            return self._scan(scene, body, poses, opening, stage, known, few)
         candidates: list[GraspCandidate] = []
         before = GripperPoses(np.zeros((0, 3)), np.zeros((0, 5)))
         for most in _BASES:
@@ -462,7 +505,7 @@ class GraspCandidates:
                 break  # there are no more
             poses = self._untried(scene, body, GripperPoses(bases, wanted[index]))
             if covered:
-                masks = {grasp.blockers for grasp in (*known, *candidates)}
+                masks = {*known, *(grasp.blockers for grasp in candidates)}
                 candidates += self._scan(scene, body, _not_among(poses, before), opening, stage, known=masks)
             else:
                 candidates = self._scan(scene, body, poses, opening, stage)
@@ -488,13 +531,14 @@ class GraspCandidates:
         opening: float,
         stage: _Stage,
         known: Collection[int] = (),
+        few: Few | None = None,
     ) -> list[GraspCandidate]:
         """The grasps from these base poses; under a shelf those to which the base drives with the arm rigid."""
         world, arm = self.compiled.world(scene), scene.robot.arm_name
         grid, is_across = self._grid(scene, stage), isinstance(stage.family, BarFamily)
         ignore = scene.mask({body.name, *scene.held_names})
         scanned = with_hand_turned(world) if is_across and len(poses.bases) else world
-        found = scan_configurations(scanned, poses, grid, opening, body=body, ignore=ignore, known=known)
+        found = scan_configurations(scanned, poses, grid, opening, body=body, ignore=ignore, known=known, few=few)
         if is_across:
             found = turned(world, poses, found, opening, ignore)
         found = found._replace(hits=found.hits | np.uint64(_moved_with(world, body.name)))

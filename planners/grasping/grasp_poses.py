@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -109,12 +109,14 @@ def generate_grasps(
     (section 3.3, Figs. 5 and 6). δ (TCP above the object's lowest point) and ε (TCP short of its main axis) are adapted
     to objects too low or too long for palm and fingertips. For objects of several pieces see `AntipodalFamily`.
     """
-    found: list[GraspPose] = []
-    for family in families_for(body, families):
-        found += (
-            _antipodal(body, robot, family) if isinstance(family, AntipodalFamily) else _centred(body, robot, family)
-        )
-    return tuple(found)
+    return tuple(grasp for family in families_for(body, families) for grasp in _of_family(body, robot, family))
+
+
+@lru_cache(maxsize=256)
+def _of_family(body: Body, robot: RobotSpec, family: Family) -> tuple[GraspPose, ...]:
+    # The same is asked for bounds, grasps and put-downs of an object.
+    of_kind = _antipodal(body, robot, family) if isinstance(family, AntipodalFamily) else _centred(body, robot, family)
+    return tuple(of_kind)
 
 
 def _centred(body: Body, robot: RobotSpec, family: GraspFamily) -> Iterator[GraspPose]:

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.compilation import njit
-from irm.ik.closed_form import MAX_SOLUTIONS
-from irm.ik.solvers import CLOSED_FORM, arm_solutions
+from irm.ik.closed_form import MAX_SOLUTIONS, NOT_MIRRORED
+from irm.ik.solvers import arm_solutions
 from irm.kernel_arguments import Layout, call_at, copy_row, kernel_address, layout_of, leaf_kernel, pointer_to
 from irm.kinematics import arm_jacobian, condition, fk_frames
-from planners.collision.hit_kernels import CollisionQuery, arm_hits_static, configuration_hits
+from planners.collision.hit_kernels import CollisionQuery, arm_hits, configuration_hits
 from planners.collision.scene_arrays import RobotArrays
 from planners.collision.straight_lines import follow_line
 from planners.scene.masks import FIXED_BITS, SELF_BIT, STATIC_BIT
@@ -23,7 +23,8 @@ from planners.scene.masks import FIXED_BITS, SELF_BIT, STATIC_BIT
 Array = NDArray[np.float64]
 CAPACITY = np.int64(96)
 """Configurations kept in all. Typed, so that kernels are not compiled once more for the constant."""
-_NONE, _STATIC, _SELF = np.uint64(0), np.uint64(1 << STATIC_BIT), np.uint64(1 << SELF_BIT)
+_NONE, _ONE = np.uint64(0), np.uint64(1)
+_STATIC, _SELF = np.uint64(1 << STATIC_BIT), np.uint64(1 << SELF_BIT)
 _FIXED = np.uint64(FIXED_BITS)
 _RISE, _RISE_STEP, _RISE_JUMP = 0.19, 0.01, 0.15
 """Where the torso stays, only configurations count from which the arm lifts the gripper so far straight up [m], in
@@ -31,6 +32,8 @@ steps [m] in which no joint turns farther than this [rad]: it could not take the
 _PER_MASK = np.int64(6)
 """Configurations kept for one set of hit objects, each for another pair of gripper pose and base pose. Typed, so that
 kernels are not compiled once more for the constant."""
+_ANY_NUMBER = 64
+"""More objects than a mask has."""
 _TRAVEL_COST = 0.004
 """Manipulability given up per radian of joint travel from the home configuration: short motions are preferred."""
 _FULL_TURN = 2.0 * math.pi
@@ -65,6 +68,18 @@ class Kept(NamedTuple):
     size: NDArray[np.int64]
 
 
+class Few(NamedTuple):
+    """A scan for new masks alone: one configuration for each, with few objects.
+
+    Attributes:
+        also: mask of objects that count in any case.
+        fewer_than: a configuration is left out if it hits so many objects, with those of `also`.
+    """
+
+    also: int
+    fewer_than: int
+
+
 class Memory(NamedTuple):
     """Memory that a scan of configurations of n joints writes to, allocated outside compiled code.
 
@@ -74,6 +89,8 @@ class Memory(NamedTuple):
         R, p: (n + 1, 3, 3) and (n + 1, 3) frames of the links; `J` (6, n - 1) the Jacobian, and memory of
             `condition`: `A` (6, 6), `d` and `e` (6,).
         can_rise: address of `can_rise`; 0 for a robot with a lift, for which it is not compiled.
+        per_mask: configurations wanted for one set of hit objects, known ones included.
+        also, fewer_than: of `Few`.
     """
 
     kept: Kept
@@ -86,9 +103,12 @@ class Memory(NamedTuple):
     d: Array
     e: Array
     can_rise: int
+    per_mask: int
+    also: np.uint64
+    fewer_than: int
 
 
-def make_memory(query: CollisionQuery, known: Collection[int] = ()) -> Memory:
+def make_memory(query: CollisionQuery, known: Collection[int] = (), few: Few | None = None) -> Memory:
     """Memory for one scan with a packed query, with nothing found yet but some `known` masks.
 
     These are rows without a pair, -1, of a quality that any other exceeds.
@@ -106,7 +126,8 @@ def make_memory(query: CollisionQuery, known: Collection[int] = ()) -> Memory:
     R, p, J = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n - 1))
     rise = 0 if has_lift else _address_of_can_rise(layout_of(query))
     found, A, d, e = np.empty((MAX_SOLUTIONS, n)), np.empty((6, 6)), np.empty(6), np.empty(6)
-    return Memory(kept, found, np.empty(n), R, p, J, A, d, e, rise)
+    per_mask, (also, fewer_than) = (int(_PER_MASK), Few(0, _ANY_NUMBER)) if few is None else (1, few)
+    return Memory(kept, found, np.empty(n), R, p, J, A, d, e, rise, per_mask, np.uint64(also), fewer_than)
 
 
 @cache
@@ -149,22 +170,13 @@ def _nearest_turn(angle: float, wanted: float, lower: float, upper: float) -> fl
 
 
 @leaf_kernel
-def _unwrapped(found: Array, count: int, home: Array, robot: RobotArrays) -> int:
-    """Turn joints that go round to near home, and leave out solutions that are mirrored; how many are kept.
-
-    Those of Fetch's closed form with a negative elbow have the same links at the same places as others: elbow and two
-    rolls are mirrored.
-    """
-    kept = 0
+def _unwrap(found: Array, count: int, home: Array, robot: RobotArrays) -> None:
+    """Turn joints that go round to near home."""
     for k in range(count):
-        if robot.ik.kind == CLOSED_FORM and found[k, robot.ik.elbow] < 0.0:
-            continue
         for joint in range(home.shape[0]):
             angle, lower, upper = found[k, joint], robot.lower[joint], robot.upper[joint]
-            turns = upper - lower > _FULL_TURN
-            found[kept, joint] = _nearest_turn(angle, home[joint], lower, upper) if turns else angle
-        kept += 1
-    return kept
+            if upper - lower > _FULL_TURN:
+                found[k, joint] = _nearest_turn(angle, home[joint], lower, upper)
 
 
 @njit(cache=True)
@@ -192,6 +204,16 @@ def _is_dominated(kept: Kept, hits: np.uint64, most: int) -> bool:
         elif kept.hits[i] & ~hits == _NONE:
             return True
     return same >= most
+
+
+@leaf_kernel
+def _has_too_many(memory: Memory, hits: np.uint64) -> bool:
+    """Whether these are too many objects for `Few`."""
+    left, count = hits | memory.also, 0
+    while left != _NONE and count < memory.fewer_than:
+        left &= left - _ONE
+        count += 1
+    return count >= memory.fewer_than
 
 
 @leaf_kernel
@@ -268,13 +290,12 @@ def _consider(
     home: Array,
 ) -> None:
     """Keep a configuration if no kept one dominates it. What the gripper hits is known and not checked again."""
-    # Most configurations hit something static, which is soon found out.
-    if query.active & _STATIC != _NONE and arm_hits_static(query, base, q):
-        return
-    hits = _hits(query, driven, query.active & ~by_gripper & ~_SELF, base, q, out) | by_gripper
+    hits = by_gripper | arm_hits(query, query.active & ~by_gripper, base, q)
+    if out.shape[0] > 0 and hits & _FIXED == _NONE:
+        hits |= configuration_hits(driven, query.active & ~hits & ~_SELF, out, q)
     if hits & _FIXED != _NONE or (query.first_only and hits != _NONE):
         return
-    if _is_dominated(memory.kept, hits, CAPACITY):
+    if _has_too_many(memory, hits) or _is_dominated(memory.kept, hits, CAPACITY if memory.per_mask > 1 else 1):
         return
     if configuration_hits(query, query.active & _SELF, base, q) != _NONE:
         return
@@ -324,11 +345,12 @@ def _scan_pair(
     robot, found = query.robot, memory.found
     nearest, least = memory.nearest, np.inf
     for torso in torsos:
-        if _is_dominated(memory.kept, by_gripper, _PER_MASK):
+        if _is_dominated(memory.kept, by_gripper, memory.per_mask):
             break
         for roll in rolls:
-            solutions = arm_solutions(robot.ik, R, p, torso, roll, found)
-            for k in range(_unwrapped(found, solutions, home, robot)):
+            solutions = arm_solutions(robot.ik, R, p, torso, roll, found, NOT_MIRRORED)
+            _unwrap(found, solutions, home, robot)
+            for k in range(solutions):
                 q = found[k]
                 if not nearest_home:
                     _consider(query, driven, memory, by_gripper, base, out, q, pair, home)
@@ -369,7 +391,7 @@ def scan(
     R, p, out = np.empty((3, 3)), np.empty(3), np.empty(3 if drives else 0)
     for pair in order:
         by_gripper, base = known[pair], bases[pair]
-        if by_gripper & _FIXED != _NONE or (first_free and by_gripper != _NONE):
+        if by_gripper & _FIXED != _NONE or (first_free and by_gripper != _NONE) or _has_too_many(writes, by_gripper):
             continue
         if drives:
             out[0], out[1], out[2] = base[0] + shift[pair, 0], base[1] + shift[pair, 1], base[2]

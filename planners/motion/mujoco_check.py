@@ -174,7 +174,7 @@ class MujocoCollisionChecker:
     def __init__(self, scene: Scene, world: CollisionWorld | None = None) -> None:
         """Build the model. For the same objects at other poses, `move_to` is faster. `world` is the compiled scene."""
         robot = scene.robot
-        self.scene, self._signature = scene, _signature(scene)
+        self.scene, self._signature = scene, signature(scene)
         self._model = model = scene_model(scene)
         self._data = mujoco.MjData(model)
         self._positions = ModelPositions(model, scene, self._data.qpos)
@@ -197,7 +197,7 @@ class MujocoCollisionChecker:
 
     def move_to(self, scene: Scene, world: CollisionWorld | None = None) -> None:
         """Move the objects to their poses in another scene. Raises `SceneError` if more than their poses differs."""
-        if scene is not self.scene and _signature(scene) != self._signature:
+        if scene is not self.scene and signature(scene) != self._signature:
             raise SceneError("a collision checker serves scenes with the same robot, static obstacles and objects only")
         if scene is not self.scene:
             self._world = (world or CollisionWorld.from_scene(scene)).with_padding(_NEAR)
@@ -354,7 +354,7 @@ class MujocoCollisionChecker:
         return name if not body or geom in self._names else self._model.body(body).name
 
 
-def _signature(scene: Scene) -> tuple[object, ...]:
+def signature(scene: Scene) -> tuple[object, ...]:
     """Data that a model is built from, except the poses of objects."""
 
     def of_solids(solids: Sequence[Solid]) -> tuple[object, ...]:

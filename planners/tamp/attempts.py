@@ -69,13 +69,17 @@ def _attempt(
     """
     before, workspace, compiled = rng.bit_generator.state, problem.workspace, problem.compiled
     remembers = strategy.plans_ahead or not problem.target
-    layer = MotionLayer(workspace, rng, compiled, deadline, problem.motions, checks_at_end=workspace.shortens)
+    layer = MotionLayer(
+        workspace, rng, compiled, deadline, problem.motions, problem.checkers, checks_at_end=workspace.shortens
+    )
     layer = layer.with_known(known if remembers else None)
     outcome = task_and_motion_plan(Search(problem, strategy, task_planner, layer))
     if layer.is_refuted:
         # The repeated run makes the same random choices.
         rng.bit_generator.state = before
-        layer = MotionLayer(workspace, rng, compiled, deadline).with_known(layer if remembers else None)
+        layer = MotionLayer(workspace, rng, compiled, deadline, checkers=problem.checkers).with_known(
+            layer if remembers else None
+        )
         outcome = task_and_motion_plan(Search(problem, strategy, task_planner, layer))
     return outcome, layer
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -24,7 +24,7 @@ from planners.motion.arm import ArmQuery, is_among_objects, is_at_home, plan_arm
 from planners.motion.base import plan_base
 from planners.motion.contact_free import merge_phases
 from planners.motion.kept import KeptMotions
-from planners.motion.mujoco_check import STEP, TOLERANCE, MujocoCollisionChecker
+from planners.motion.mujoco_check import STEP, TOLERANCE, MujocoCollisionChecker, signature
 from planners.motion.path import NO_WAY, BlockedBy, NoPath, WholeBodyPath, on_base
 from planners.motion.pick_and_place import PickPlaceMotion, plan_pick, plan_place
 from planners.motion.pulling import PullMotion, plan_pull
@@ -35,7 +35,7 @@ from planners.placing.goal_places import placed_fact, reserved_regions
 from planners.placing.placements import Placement, PlacementSearch, with_lowered
 from planners.placing.surfaces import KeepClear, Surface
 from planners.problem import Problem
-from planners.scene import Body, HeldObject, RobotState, Scene, StaticObstacle
+from planners.scene import Body, HeldObject, RobotState, Scene
 from planners.scene.cover import needs_drive
 from planners.scene.masks import FIXED_BITS
 from planners.strategies import Strategy
@@ -79,6 +79,7 @@ class MotionLayer:
         compiled: the collision worlds of the scenes so far.
         deadline: when to stop.
         motions: cache of the motions planned so far, in earlier scenes too.
+        checkers: MuJoCo's models of scenes so far.
         not_placed: objects for whose goal places no motion was found so far.
         candidates: the grasps known in the present state.
         placement_search: search for placements, with the swept volumes of grasps.
@@ -92,14 +93,12 @@ class MotionLayer:
     compiled: CompiledScenes = field(default_factory=CompiledScenes)
     deadline: Deadline = NO_DEADLINE
     motions: KeptMotions = field(default_factory=KeptMotions)
+    checkers: dict[Hashable, MujocoCollisionChecker] = field(default_factory=dict, repr=False)
     checks_at_end: bool = False
     is_refuted: bool = False
     not_placed: NotPlaced = field(default_factory=NotPlaced)
     candidates: GraspCandidates = field(init=False, repr=False)
     placement_search: PlacementSearch = field(init=False, repr=False)
-    _checkers: dict[tuple[str, tuple[StaticObstacle, ...]], MujocoCollisionChecker] = field(
-        default_factory=dict, repr=False
-    )
 
     def __post_init__(self) -> None:
         self.candidates, self.placement_search = self.workspace.grasps(self.compiled), self.workspace.placements()
@@ -503,11 +502,11 @@ class MotionLayer:
 
     def refusal(self, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> str:
         """Penetration that MuJoCo finds on one of the paths, with the names of the bodies, "" for none."""
-        world, among = self.compiled.world(scene), (scene.robot.arm_name, scene.static_obstacles)
-        if among not in self._checkers:
-            self._checkers[among] = MujocoCollisionChecker(scene, world)
-        self._checkers[among].move_to(scene, world)
-        reports = (self._checkers[among].deepest_penetration(path, STEP, TOLERANCE) for path in paths)
+        world, among = self.compiled.world(scene), signature(scene)
+        if among not in self.checkers:
+            self.checkers[among] = MujocoCollisionChecker(scene, world)
+        self.checkers[among].move_to(scene, world)
+        reports = (self.checkers[among].deepest_penetration(path, STEP, TOLERANCE) for path in paths)
         return next((str(report) for report in reports if report.penetration > TOLERANCE), "")
 
 

@@ -9,10 +9,11 @@ import pytest
 
 from assets.robots import FETCH
 from irm.chain import ArmChain
+from irm.ik.closed_form import MIRRORED, NOT_MIRRORED
 from irm.ik.numerical import random_seeds
 from irm.ik.solvers import ExactSolver, arm_solutions, free_angles, solver_arrays
 from irm.ik.structure import ParallelArm, SphericalArm, find_structure
-from irm.kinematics import forward
+from irm.kinematics import forward, link_origins
 from tests.irm.arms import APPROACH, arm_chain, random_configurations, random_poses, solve
 
 NO, OPEN, YES = 0, 1, 2
@@ -133,7 +134,7 @@ def test_the_configuration_behind_a_pose_is_among_its_solutions(name: str) -> No
     for q in rng.uniform(lower, upper, (300, chain.size)):
         T = forward(chain, q)
         R, p = np.ascontiguousarray(T[:3, :3]), T[:3, 3].copy()
-        count = arm_solutions(solver, R, p, q[0], q[solver.free] if solver.free >= 0 else 0.0, found)
+        count = arm_solutions(solver, R, p, q[0], q[solver.free] if solver.free >= 0 else 0.0, found, MIRRORED)
         for solution in found[:count]:
             assert np.abs(forward(chain, solution) - T).max() < 2e-5
             assert np.all((solution >= chain.lower - 1e-6) & (solution <= chain.upper + 1e-6))
@@ -142,6 +143,25 @@ def test_the_configuration_behind_a_pose_is_among_its_solutions(name: str) -> No
     # the wrist of the Gen3 is 0.2 mm off: its solutions are refined, and near singular poses the joints drift
     share, tolerance = (0.9, 0.05) if name == "gen3" else (1.0, 1e-4)
     assert np.mean(np.array(away) < tolerance) >= share
+
+
+def test_solutions_left_out_as_mirrored_have_the_links_of_others_at_the_same_places() -> None:
+    chain, rng = ArmChain.from_robot(FETCH), np.random.default_rng(1)
+    solver, every, some = solver_arrays(chain), np.empty((8, chain.size)), np.empty((8, chain.size))
+    lower, upper = np.maximum(chain.lower, -np.pi), np.minimum(chain.upper, np.pi)
+    left_out = 0
+    for q in rng.uniform(lower, upper, (100, chain.size)):
+        T = forward(chain, q)
+        pose, roll = (solver, np.ascontiguousarray(T[:3, :3]), T[:3, 3].copy(), q[0]), q[solver.free]
+        count, kept = arm_solutions(*pose, roll, every, MIRRORED), arm_solutions(*pose, roll, some, NOT_MIRRORED)
+        np.testing.assert_array_equal(some[:kept], every[:count][every[:count, solver.elbow] >= 0.0])
+        # The others bend the elbow the other way, with the upper arm half a turn on.
+        kept = arm_solutions(*pose, roll + np.pi if roll < 0.0 else roll - np.pi, some, NOT_MIRRORED)
+        places = [link_origins(chain, one) for one in some[:kept]]
+        for one in every[:count][every[:count, solver.elbow] < 0.0]:
+            assert min(np.abs(link_origins(chain, one) - other).max() for other in places) < 1e-6
+            left_out += 1
+    assert left_out > 100
 
 
 @pytest.mark.slow
@@ -155,7 +175,7 @@ def test_an_arm_without_a_closed_form_is_solved_by_iteration() -> None:
     solver, found = solver_arrays(skewed), np.empty((8, chain.size))
     T = forward(skewed, np.array([0.0, 0.3, -1.0, 1.2, 0.4, -0.7, 0.2]))
     counts = [
-        arm_solutions(solver, np.ascontiguousarray(T[:3, :3]), T[:3, 3].copy(), 0.0, free, found)
+        arm_solutions(solver, np.ascontiguousarray(T[:3, :3]), T[:3, 3].copy(), 0.0, free, found, MIRRORED)
         for free in free_angles(skewed, 40)
     ]
     assert len(counts) == 40

@@ -207,6 +207,15 @@ def test_looking_closely_never_makes_a_bound_higher_nor_a_plan_longer() -> None:
         assert bound.picks is None or bound.least <= bound.picks
 
 
+@pytest.mark.parametrize(("objects", "seed"), [(25, 3), (20, 5)])
+def test_a_bound_that_only_looks_for_fewer_picks_is_that_of_all_grasps(objects: int, seed: int) -> None:
+    scene = random_scene(objects, seed)
+    for name in scene.names[:12]:
+        problem = PLANNER.problem(scene, name)
+        bound, every = problem.lower_bound(), PLANNER.problem(scene, name).closer.first_bound()
+        assert (bound.picks, bound.least, bound.proved) == (every.picks, every.least, every.proved)
+
+
 @dataclass(frozen=True)
 class OverOnceAsked(Deadline):
     """A deadline that is over once the first attempt has ended."""

@@ -230,6 +230,26 @@ def test_the_fewest_picks_are_those_of_an_exhaustive_search(seed: int) -> None:
     assert proved
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_bounds_below_a_known_number_of_picks_are_those_of_the_whole_search(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    for _ in range(100):
+        model = drawn(rng)
+        # The gripper alone hits a part of what the robot hits.
+        parts = {
+            str(one): [mask & int(rng.integers(1 << 6)) for mask in masks] for one, masks in enumerate(model.takes)
+        }
+        fewest, table = model.table.fewest(), replace(model.table, hits=parts.__getitem__)
+        for most in range(8):
+            bound = table.fewest(fewer_than=most)
+            if fewest.picks is not None and fewest.picks < most:
+                assert (bound.picks, bound.least, bound.proved) == (fewest.picks, fewest.least, fewest.proved)
+            else:
+                assert bound.picks is None
+                assert bound.proved
+                assert fewest.picks is None or most <= bound.least <= fewest.picks
+
+
 def is_proved(model: Model, bound: LowerBound, fewest: int | None) -> bool:
     """Whether a bound says that it is the minimum. It is then, and it never is above it."""
     if fewest is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import combinations
 from typing import Any
 
@@ -103,6 +103,44 @@ def test_adding_an_option_never_raises_the_lower_bound() -> None:
         index = int(rng.integers(10))
         after = smallest({**options, index: [*options[index], int(rng.integers(1, 1 << 10))]}).count
         assert before is None or (after is not None and after <= before)
+
+
+def test_sets_that_are_not_fewer_than_known_ones_count_as_none() -> None:
+    rng = np.random.default_rng(8)
+    for _ in range(60):
+        options = random_options(rng, 9)
+        fewest = smallest(options)
+        for most in range(5):
+            result = smallest(options, fewer_than=most)
+            if fewest.count is None or fewest.count < most:
+                assert (result.count, result.proved) == (fewest.count, True)
+            else:
+                assert result.is_infeasible
+                assert most <= result.lower_bound <= fewest.count
+
+
+def test_masks_that_each_option_hits_leave_options_unasked_and_the_answer_the_same() -> None:
+    rng, asked, without = np.random.default_rng(9), list[int](), list[int]()
+    for _ in range(100):
+        options = random_options(rng, 10)
+        # Each option hits one of these: a part of its own mask.
+        parts = {index: [mask & int(rng.integers(1 << 62)) for mask in masks] for index, masks in options.items()}
+        before = len(asked)
+        found = next(sets(noted(options, asked), 10, at_least=noted({str(k): v for k, v in parts.items()}, [])))
+        assert len(set(asked[before:])) == len(asked) - before
+        every = next(sets(noted(options, without), 10))
+        assert (found.count, found.proved) == (every.count, every.proved)
+    assert len(asked) < len(without)
+
+
+def noted(options: Mapping[Any, list[int]], asked: list[Any]) -> Callable[[Any], list[int]]:
+    """The options of an object, whose name is added to those asked for."""
+
+    def take(name: Any) -> list[int]:
+        asked.append(name)
+        return options[name]
+
+    return take
 
 
 def test_slack_yields_larger_minimal_sets_in_order_of_size() -> None:

@@ -13,6 +13,7 @@ from planners.clearing.lower_bound import self_clearable_sets
 from planners.collision.world import CollisionWorld
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.grasping.families import GRASP_SETS, GraspFamily
+from planners.grasping.scan_kernel import Few
 from planners.motion.arm import tcp_pose
 from planners.scene import SELF_BIT, STATIC_BIT, RobotState, Scene
 from planners.workspace import Workspace
@@ -133,6 +134,20 @@ def test_the_floor_of_the_lazy_candidates_is_that_of_all_families(scene: Scene, 
             for blockers in (partial(lazy.blockers, scene), every.__getitem__)
         )
         assert found.count == exact.count, name
+
+
+def test_minimal_blockers_are_those_of_the_closer_look_and_hold_what_the_gripper_hits() -> None:
+    scene = random_scene(25, 0)
+    closer = Workspace.of(scene.robot, scene, grasps="side").looking_closely()
+    for name in scene.names[:8]:
+        every = set(closer.grasps().blockers(scene, name))
+        minimal = {mask for mask in every if not any(other & ~mask == 0 for other in every - {mask})}
+        source = closer.grasps()
+        assert set(source.minimal_blockers(scene, name, Few(0, 64))) == minimal
+        assert all(any(part & ~mask == 0 for part in source.hit_by_gripper(scene, name)) for mask in minimal)
+        # With few objects, the object itself included, what has more of them may be left out.
+        few = {mask for mask in source.minimal_blockers(scene, name, Few(0, 3)) if mask.bit_count() < 2}
+        assert few == {mask for mask in minimal if mask.bit_count() < 2}
 
 
 def test_an_object_off_the_table_has_no_grasps() -> None:
