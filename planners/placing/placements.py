@@ -20,7 +20,7 @@ from scipy.ndimage import distance_transform_edt
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import SUPPORT_SLACK, CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
-from planners.grasping.base_placement import Placer, facing_bases, farthest_reach
+from planners.grasping.base_placement import MANY_BASES, Placer, facing_bases, farthest_reach
 from planners.grasping.candidates import GraspCandidate
 from planners.grasping.grasp_poses import opening_around
 from planners.hollows import Hollow, hollow_about
@@ -119,6 +119,7 @@ class PlacementSearch:
         canonical: whether canonical placements come first.
         near_home: whether only the arm configuration nearest to home is tried, for end-effector-controlled robots.
         turns_least: whether releases come first at which the gripper is turned least from where it took the object.
+        closely: whether many base poses are tried at locations at which the first ones release nothing.
     """
 
     arms: Mapping[str, Placer]
@@ -126,6 +127,7 @@ class PlacementSearch:
     canonical: bool = False
     near_home: bool = False
     turns_least: bool = False
+    closely: bool = False
     _volumes: dict[tuple[str, bytes, bytes], SweptVolume] = field(default_factory=dict, repr=False, compare=False)
     _depths: dict[tuple[object, ...], tuple[Array, float]] = field(default_factory=dict, repr=False, compare=False)
     _surfaces: dict[tuple[object, ...], tuple[Surface, ...]] = field(default_factory=dict, repr=False, compare=False)
@@ -359,8 +361,14 @@ class PlacementSearch:
 
     def _after_a_drive(self, world: CollisionWorld, location: Array, gripper_poses: Array) -> Iterator[Placement]:
         """Placement at a location (3,) after a base motion, by free gripper poses (k, 5), if any."""
-        bases, index = self.arms[world.scene.robot.arm_name].bases(gripper_poses)
-        return self._configurations(world, GripperPoses(bases, gripper_poses[index]), location[2])
+        placer, found = self.arms[world.scene.robot.arm_name], False
+        for most in (0, MANY_BASES) if self.closely else (0,):
+            bases, index = placer.bases(gripper_poses, most)
+            for placement in self._configurations(world, GripperPoses(bases, gripper_poses[index]), location[2]):
+                found = True
+                yield placement
+            if found:
+                return
 
     def grid(self, arm: str) -> ConfigurationGrid:
         """Arm configurations to try for each gripper pose."""

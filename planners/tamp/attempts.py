@@ -93,12 +93,14 @@ def _or_with_fewer_picks(
     A plan from them alone is not always better: they include grasps to which no motion leads. Canonical plans stay as
     they are, so that they can be learned.
     """
-    has_bound = found.bound is not None if isinstance(found, Solution) else found.cause.lies_in_grasps
+    is_unplaced = _lacks_placements(found, problem, strategy)
+    has_bound = found.bound is not None if isinstance(found, Solution) else found.cause.lies_in_grasps or is_unplaced
     if not has_bound:
         return found
     if deadline.is_over:
         return _without_closer_look(found, problem, deadline)
-    bound = problem.lower_bound(deadline=deadline, is_exact=False)
+    # That no hand can release an object at its place is only known exactly, and then it is in vain to look closely.
+    bound = problem.lower_bound(deadline=deadline, is_exact=is_unplaced)
     if isinstance(found, Solution):
         found = replace(found, bound=bound.met_by(found.picks))
     elif deadline.is_over:
@@ -112,6 +114,13 @@ def _or_with_fewer_picks(
     if isinstance(best, Solution) and best.bound is not None:
         return replace(best, bound=bound.met_by(best.picks))
     return best
+
+
+def _lacks_placements(found: Solution | Infeasible, problem: Problem, strategy: Strategy) -> bool:
+    """Whether a refusal of a strategy that plans ahead is for want of put-downs, and more base poses may have some."""
+    is_refused = isinstance(found, Infeasible) and found.cause is Cause.NO_CLEARANCE_LOCATION
+    is_canonical = problem.workspace.canonical
+    return is_refused and strategy.plans_ahead and not is_canonical and problem.candidates.can_look_closely
 
 
 def _without_closer_look(found: Solution | Infeasible, problem: Problem, deadline: Deadline) -> Solution | Infeasible:
