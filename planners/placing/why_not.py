@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 
 from planners.collision.hit_kernels import place_along
 from planners.collision.scene_arrays import robot_arrays
-from planners.collision.world import CollisionWorld
+from planners.collision.world import PADDING, CollisionWorld
 from planners.grasping.arm_configurations import gripper_arrays, gripper_hits
 from planners.grasping.candidates import GraspCandidates
 from planners.grasping.grasp_poses import opening_around
 from planners.hollows import Hollow, hollow_about
 from planners.placing.blockers import in_any_hand, wanted_poses
-from planners.placing.goal_places import Place, Yaws, locations_in
+from planners.placing.goal_places import Place, Yaws, distances_to_polygon, locations_in
 from planners.placing.locations import in_hand
 from planners.placing.placements import FALLS, with_lowered
+from planners.regions import footprint
 from planners.scene import Body, Scene, StaticObstacle
 from planners.scene.bodies import release_pitch
 
@@ -37,6 +38,8 @@ _LEAVES = 0.19
 """Least rise [m] of the hand after a release: see `planners.motion.approaches`."""
 _RISES = (2, 6)
 """Numbers of heights on the hand's way up that are checked: the ends, then 38 mm apart, so that no board is missed."""
+_TURNS, _SHIFTS = 36, np.arange(-4, 5) * 0.001
+"""Number of yaws in half a turn, and shifts [m] along each axis, in which an object is tried in a container's mouth."""
 _NEAR = 0.5
 """Range [m] around a place for obstacles that may be in the way."""
 
@@ -277,6 +280,8 @@ def _between(
     walls = f"between the walls of {hollow.name}" if hollow is not None else f"beside {_names(things)}"
     if hollow is not None:
         walls += f", {1000 * hollow.width:.0f} mm apart and {1000 * hollow.depth:.0f} mm high,"
+    if hollow is not None and not _has_room(body, hollow):
+        return f"{walls} there are not {1000 * PADDING:.0f} mm left on every side of {body.name}"
     wide = min(hand.extent()[1] for hand in hands)
     words = f"{walls} a hand that is {1000 * wide:.0f} mm wide has no room to let go of {body.name}"
     rises = np.arange(_RISE, _HIGHEST, _RISE)
@@ -284,8 +289,23 @@ def _between(
     free = next((rise for rise in rises if any(not hand.hits(world, rise).all() for hand, world in worlds)), None)
     if free is None:
         return f"{words}, at no height"
-    most = f", and may fall {1000 * FALLS[-1]:.0f} mm at most" if hollow is not None else ""
+    falls = () if hollow is None else [one for one in FALLS if one < hollow.depth]
+    most = f", and {body.name} may fall {1000 * falls[-1]:.0f} mm at most" if falls else ""
     return f"{words}: it has room from {1000 * free:.0f} mm above the floor on{most}"
+
+
+def _has_room(body: Body, hollow: Hollow) -> bool:
+    """Whether an object fits into the mouth of a container with the distance that the robot keeps, in some yaw."""
+    corners = footprint(body) - body.position[:2]
+    for turn in np.arange(_TURNS) * (np.pi / _TURNS):
+        c, s = np.cos(turn), np.sin(turn)
+        turned = corners @ np.array([[c, s], [-s, c]])
+        for shift in itertools.product(_SHIFTS, _SHIFTS):
+            middle = np.add(hollow.area.centre, shift)
+            away = PADDING * turned / np.linalg.norm(turned, axis=1, keepdims=True)
+            if (distances_to_polygon(middle + turned + away, hollow.mouth) == 0.0).all():
+                return True
+    return False
 
 
 def _lowest(things: Sequence[StaticObstacle | Body]) -> float:

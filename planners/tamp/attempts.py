@@ -33,7 +33,8 @@ def best_of_attempts(
     started, workspace = cpu_seconds(), problem.workspace
     first = [problem.near_home()] if workspace.follower is not None else []
     outcomes: list[Solution | Infeasible] = []
-    is_proved, known = False, None
+    is_proved = is_in_vain = False
+    known = None
     for number, asked in enumerate([*first, *[problem] * strategy.attempts]):
         # A canonical plan depends on the scene alone, not on the state of the caller's generator.
         draws = np.random.default_rng(number) if workspace.canonical else rng
@@ -41,11 +42,12 @@ def best_of_attempts(
         known = known if known is not None and known.workspace is asked.workspace else None
         outcome, known = _attempt(asked, strategy, task_planner, draws, deadline, known)
         outcomes.append(outcome)
-        is_proved = is_final(outcome, asked.workspace.near_home)
+        is_in_vain = known.is_in_vain and not asked.workspace.near_home
+        is_proved = is_in_vain or is_final(outcome, asked.workspace.near_home)
         if deadline.is_over or is_proved:
             break
     best = best_outcome(outcomes, is_proved, deadline)
-    best = _or_with_fewer_picks(best, problem, strategy, task_planner, rng, deadline)
+    best = best if is_in_vain else _or_with_fewer_picks(best, problem, strategy, task_planner, rng, deadline)
     scene = problem.scene
     leaning = [one.name for one in scene.objects if one.name not in scene.held_names and leans(one)]
     if isinstance(best, Infeasible) and leaning:
@@ -99,8 +101,7 @@ def _or_with_fewer_picks(
         return found
     if deadline.is_over:
         return _without_closer_look(found, problem, deadline)
-    # That no hand can release an object at its place is only known exactly, and then it is in vain to look closely.
-    bound = problem.lower_bound(deadline=deadline, is_exact=is_unplaced)
+    bound = problem.lower_bound(deadline=deadline, is_exact=False)
     if isinstance(found, Solution):
         found = replace(found, bound=bound.met_by(found.picks))
     elif deadline.is_over:

@@ -86,6 +86,7 @@ class MotionLayer:
         checks_at_end: whether MuJoCo checks motions only once, when they are `shortened`.
         is_refuted: whether that late check refuted a motion. The plan must then be made again with a check of each
             motion.
+        is_in_vain: whether another attempt is: no hand can release an object at its place.
     """
 
     workspace: Workspace
@@ -95,6 +96,7 @@ class MotionLayer:
     motions: KeptMotions = field(default_factory=KeptMotions)
     checks_at_end: bool = False
     is_refuted: bool = False
+    is_in_vain: bool = False
     not_placed: NotPlaced = field(default_factory=NotPlaced)
     candidates: GraspCandidates = field(init=False, repr=False)
     placement_search: PlacementSearch = field(init=False, repr=False)
