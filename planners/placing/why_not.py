@@ -23,6 +23,7 @@ from planners.placing.placements import FALLS, with_lowered
 from planners.regions import footprint
 from planners.scene import Body, Scene, StaticObstacle
 from planners.scene.bodies import release_pitch
+from planners.scene.cover import BACK, LEAST_LIFT, is_covered
 
 Array = NDArray[np.float64]
 
@@ -35,7 +36,7 @@ _RISE = 0.01
 _HIGHEST = 0.4
 """Largest height [m] above a place that is tested."""
 _LEAVES = 0.19
-"""Least rise [m] of the hand after a release: see `planners.motion.approaches`."""
+"""Least rise [m] of the hand after a release, if it does not go back: see `planners.motion.approaches`."""
 _RISES = (2, 6)
 """Numbers of heights on the hand's way up that are checked: the ends, then 38 mm apart, so that no board is missed."""
 _TURNS, _SHIFTS = 36, np.arange(-4, 5) * 0.001
@@ -48,24 +49,31 @@ _NEAR = 0.5
 class _Hand:
     """A relative grasp of the object, with gripper poses (k, 5) that release it at the bottom of a place.
 
-    The gripper opens by `opening` [m] there. The way up from there is checked at a number of `rises`.
+    The gripper opens by `opening` [m] there. The way up from there is checked at a number of `rises`. If the place
+    `is_covered`, the way back is, too.
     """
 
     scene: Scene
     poses: Array
     opening: float
+    is_covered: bool = False
     rises: int = _RISES[0]
 
-    def hits(self, world: CollisionWorld, rise: float = 0.0) -> NDArray[np.bool_]:
-        """Whether hand and object collide with the world when raised by `rise` [m]: (k,)."""
+    def hits(self, world: CollisionWorld, rise: float = 0.0, back: float = 0.0) -> NDArray[np.bool_]:
+        """Whether hand and object collide with the world when raised by `rise` [m] and moved `back` [m]: (k,)."""
         held, _ = in_hand(world.scene)
-        raised = self.poses + np.array((0.0, 0.0, rise, 0.0, 0.0))
-        return gripper_hits(world, raised, self.opening, held=held) != 0
+        moved = self.poses + np.array((0.0, 0.0, rise, 0.0, 0.0))
+        moved[:, :2] -= back * np.column_stack((np.cos(moved[:, 3]), np.sin(moved[:, 3])))
+        return gripper_hits(world, moved, self.opening, held=held) != 0
 
     def is_kept(self, world: CollisionWorld, fall: float) -> bool:
-        """Whether all of its poses touch something where it lets go of what falls by `fall` [m], or on the way up."""
+        """Whether all of its poses touch something where it lets go of what falls by `fall` [m], or on each way out."""
         rises = np.linspace(fall, fall + _LEAVES, self.rises)
-        return bool(np.any([self.hits(world, float(rise)) for rise in rises], axis=0).all())
+        is_kept = np.any([self.hits(world, float(rise)) for rise in rises], axis=0)
+        if self.is_covered and is_kept.all():
+            steps = ((0.0, 0.0), *((LEAST_LIFT, back) for back in np.linspace(0.0, BACK, self.rises)))
+            is_kept = np.any([self.hits(world, fall + rise, float(back)) for rise, back in steps], axis=0)
+        return bool(is_kept.all())
 
     def extent(self) -> tuple[float, float]:
         """Height [m] from the object's lowest to the hand's highest point, and the hand's smallest width [m]."""
@@ -175,6 +183,7 @@ def _hands(
     """Relative grasps of an object, each with its poses over some locations and yaws of a place."""
     middle = place.location if place.area is None else np.array(place.area.centre)
     assert middle is not None
+    is_under = is_covered(scene, np.append(middle, place.face.top))
     views = [view for view, _ in in_any_hand(candidates, scene, body)]
     for view in sorted(views, key=lambda view: -release_pitch(body, in_hand(view)[0])):  # from above first
         found: list[tuple[Array, Yaws]] = []
@@ -186,7 +195,7 @@ def _hands(
                 break
         poses = np.concatenate([wanted_poses(view, place, point, yaws) for point, yaws in found])
         held, in_it = in_hand(view)
-        yield _Hand(view, poses, opening_around(view.robot, in_it, held))
+        yield _Hand(view, poses, opening_around(view.robot, in_it, held), is_under)
 
 
 def _world(scene: Scene, place: Place) -> CollisionWorld:
