@@ -58,6 +58,8 @@ OUT = 0.002 + PITCH / 2
 """[m] that an object may stick out of a region: what a goal allows, and what the grid misses."""
 SLACK = 0.001 + PITCH * math.sqrt(2)
 """[m] that two objects may overlap: soft contacts, and what the grid misses of both."""
+USUAL = ("full cabinet", "row", "wide", "fixed", "circle", "crowded")
+"""Kinds of scenes that are drawn if no others are asked for; see `KINDS`."""
 WIDE_TURN, POINTS = math.radians(15), 100
 """[rad] between the yaws of a mug, and random points in each of its pieces."""
 _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
@@ -71,7 +73,7 @@ class Arguments:
     seed: int = FIRST_SEED
     out: Path | None = None
     """File of JSON lines, one for each scene; scenes that it has are not tried again."""
-    kinds: tuple[str, ...] = ("full cabinet", "row", "wide", "fixed", "circle", "crowded")
+    kinds: tuple[str, ...] = USUAL
     """Names in `KINDS`, by turns."""
     draws: int = 400
     """Scenes drawn at most."""
@@ -92,7 +94,7 @@ def main(arguments: Arguments) -> None:
     report([*rows.values()])
 
 
-def measure(seed: int, kinds: Sequence[str]) -> dict[str, Any]:
+def measure(seed: int, kinds: Sequence[str] = USUAL) -> dict[str, Any]:
     """One line: whether the scene is refused with a proof, or planned, and which search finds no way."""
     kind, scene, goal = drawn(seed, kinds)
     bound, found, no_way = lower_bound(scene, goal), solve(scene, goal), find_no_way(scene, goal)
@@ -105,7 +107,7 @@ def report(rows: Sequence[dict[str, Any]]) -> None:
     """Print a row for each kind of scene, and each proof that is not confirmed."""
     columns = "scenes", "drawn", "planned", "of these no way", "refused, proved", "of these no way", "by", "causes"
     print(f"| {' | '.join(columns)} |\n{'|---' * len(columns)}|")
-    for kind in (*KINDS, "all"):
+    for kind in (*dict.fromkeys(row["kind"] for row in rows), "all"):
         some = [row for row in rows if kind in (row["kind"], "all")]
         proved, planned = ([row for row in some if row[state]] for state in ("proved", "planned"))
         by, causes = Counter(row["no_way"] or "nothing" for row in proved), Counter(row["cause"] for row in proved)
@@ -365,7 +367,7 @@ def _has_sequence(scene: Scene, goal: Goal, ends: dict[str, Array], wanted: Coll
 # Scenes: functions of the seed alone.
 
 
-def drawn(seed: int, kinds: Sequence[str]) -> tuple[str, Scene, Goal]:
+def drawn(seed: int, kinds: Sequence[str] = USUAL) -> tuple[str, Scene, Goal]:
     """Kind, scene and goal of a seed."""
     rng, kind = np.random.default_rng(seed), kinds[(seed - FIRST_SEED) % len(kinds)]
     return kind, *KINDS[kind](rng)
