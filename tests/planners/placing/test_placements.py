@@ -215,7 +215,7 @@ def test_under_a_shelf_the_deepest_row_that_the_gripper_reaches_is_filled_first(
     carrying = grasped(scene, workspace.grasps().for_object(scene, "object_00")[0])
 
     def at_the_front(
-        _search: PlacementSearch, world: CollisionWorld, location: NDArray[np.float64], _free: object, _most: int
+        _search: PlacementSearch, world: CollisionWorld, location: NDArray[np.float64], _free: object, _most: int = 0
     ) -> Iterator[Placement]:
         if location[0] < front:
             body = stand_at(world.scene.body("object_00"), location)
