@@ -52,7 +52,8 @@ class Workspace:
             control.
         saves_time: whether strategies that plan ahead prefer quick grasps. For robots that act with one arm, releases
             at which the gripper is turned least come first too.
-        closely: whether grasps are looked for from many base poses, of objects with something in the way of the others.
+        closely: whether many base poses are tried: for grasps of objects with something in the way of all others, and
+            for put-downs at locations without any other.
         hurries: whether moves of an object are compared by their time, and motions merged thoroughly, to save time.
     """
 
@@ -112,7 +113,7 @@ class Workspace:
         return replace(self, arms=MappingProxyType(arms), near_home=True)
 
     def looking_closely(self) -> Workspace:
-        """The same workspace with many more base poses, for objects with something in the way of every other grasp."""
+        """The same workspace with many more base poses, for grasps and put-downs for which there are no free others."""
         return replace(self, closely=True)
 
     def anywhere(self) -> Workspace:
@@ -161,7 +162,7 @@ class Workspace:
     def placements(self) -> PlacementSearch:
         """New search for placements, with a cache of swept volumes."""
         turns_least = self.saves_time and len(self.arms) == 1
-        return PlacementSearch(self.arms, self.supports, self.canonical, self.near_home, turns_least)
+        return PlacementSearch(self.arms, self.supports, self.canonical, self.near_home, turns_least, self.closely)
 
 
 def check_arms(robot: RobotSpec, hold_aside: bool, is_told_tcp_poses: bool, canonical: bool) -> None:

@@ -1,15 +1,18 @@
 """Refusals with a proof, confirmed by a second search that shares nothing with the bound but shapes and collisions.
 
     python scripts/goal_proofs.py --scenes 30 --out outputs/proofs.jsonl
+    python scripts/goal_proofs.py --scenes 20 --kinds mugs corner
 
-Small scenes are drawn that leave little or no way out, by turns of `KINDS`, until so many of them are refused with a
+Small scenes are drawn that leave little or no way out, by turns of the kinds, until so many of them are refused with a
 proof. What the bound concludes from graphs and packings is then tried out:
 
 - removal: which objects can leave at all, in any order. Every grasp of "all" is scanned anew for each object that is
   left, from a ring of base poses about it in place of those of the reachability map; what is gone is in nobody's way.
 - room: whether the objects fit at their ends together with what can never leave, on a fine grid of places, with
   allowance for what it misses.
-- order: every sequence of moves to the end or aside, by whether the end is free, with the orders of the goal.
+- order: every sequence of moves to the end or aside, by whether the end is free, with the orders of the goal. Whether
+  mugs overlap is seen by random points in one of them that are in the other.
+- release: whether the gripper can hold an object at its end with nothing else there, by grasps scanned as for removal.
 
 A refusal is confirmed if one of these finds no way. Grasps that no family has are not tried. As a control the same is
 asked of the scenes for which there is a plan: none of the three may say no there.
@@ -22,6 +25,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +44,7 @@ from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses
 from planners.grasping.families import GRASP_SETS
 from planners.grasping.grasp_poses import generate_grasps
 from planners.scene import Body, StaticObstacle
+from planners.scene.solid import Solid
 
 Array = NDArray[np.float64]
 FIRST_SEED = 49_200_000
@@ -53,6 +58,10 @@ OUT = 0.002 + PITCH / 2
 """[m] that an object may stick out of a region: what a goal allows, and what the grid misses."""
 SLACK = 0.001 + PITCH * math.sqrt(2)
 """[m] that two objects may overlap: soft contacts, and what the grid misses of both."""
+USUAL = ("full cabinet", "row", "wide", "fixed", "circle", "crowded")
+"""Kinds of scenes that are drawn if no others are asked for; see `KINDS`."""
+WIDE_TURN, POINTS = math.radians(15), 100
+"""[rad] between the yaws of a mug, and random points in each of its pieces."""
 _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -64,6 +73,8 @@ class Arguments:
     seed: int = FIRST_SEED
     out: Path | None = None
     """File of JSON lines, one for each scene; scenes that it has are not tried again."""
+    kinds: tuple[str, ...] = USUAL
+    """Names in `KINDS`, by turns."""
     draws: int = 400
     """Scenes drawn at most."""
 
@@ -77,15 +88,15 @@ def main(arguments: Arguments) -> None:
         if sum(row["proved"] for row in rows.values()) >= arguments.scenes:
             break
         if seed not in rows:
-            rows[seed] = measure(seed)
+            rows[seed] = measure(seed, arguments.kinds)
             if file:
                 file.append(rows[seed])
     report([*rows.values()])
 
 
-def measure(seed: int) -> dict[str, Any]:
+def measure(seed: int, kinds: Sequence[str] = USUAL) -> dict[str, Any]:
     """One line: whether the scene is refused with a proof, or planned, and which search finds no way."""
-    kind, scene, goal = drawn(seed)
+    kind, scene, goal = drawn(seed, kinds)
     bound, found, no_way = lower_bound(scene, goal), solve(scene, goal), find_no_way(scene, goal)
     row = {"seed": seed, "kind": kind, "count": len(scene.objects), "goal": str(goal), "no_way": no_way}
     row |= {"proved": bound.picks is None and bound.proved, "planned": isinstance(found, Solution)}
@@ -96,7 +107,7 @@ def report(rows: Sequence[dict[str, Any]]) -> None:
     """Print a row for each kind of scene, and each proof that is not confirmed."""
     columns = "scenes", "drawn", "planned", "of these no way", "refused, proved", "of these no way", "by", "causes"
     print(f"| {' | '.join(columns)} |\n{'|---' * len(columns)}|")
-    for kind in (*KINDS, "all"):
+    for kind in (*dict.fromkeys(row["kind"] for row in rows), "all"):
         some = [row for row in rows if kind in (row["kind"], "all")]
         proved, planned = ([row for row in some if row[state]] for state in ("proved", "planned"))
         by, causes = Counter(row["no_way"] or "nothing" for row in proved), Counter(row["cause"] for row in proved)
@@ -119,7 +130,7 @@ def _words(counts: Counter[str]) -> str:
 
 
 def find_no_way(scene: Scene, goal: Goal) -> str:
-    """Which search finds no way: "removal", "room" or "order"; "" if none of them does."""
+    """Which search finds no way: "removal", "room", "order" or "release"; "" if none of them does."""
     wanted = {fact.object for fact in goal.unmet(scene) if isinstance(fact, Holding | On | Inside | At)}
     leave = removable(scene, wanted | {name for fact in goal.placed for name in _in_the_way(scene, fact)})
     if not wanted <= leave:
@@ -130,7 +141,28 @@ def find_no_way(scene: Scene, goal: Goal) -> str:
     free = {name: _apart_from(bodies[name], points, staying) for name, points in ends.items()}
     if not any(_arrangements([(bodies[name], free[name]) for name in sorted(free, key=lambda one: len(free[one]))])):
         return "room"
-    return "" if _has_sequence(scene, goal, free, wanted) else "order"
+    if not _has_sequence(scene, goal, free, wanted):
+        return "order"
+    poses = [fact for fact in goal.placed if isinstance(fact, At)]
+    return "" if all(is_releasable(scene, fact, ends[fact.object]) for fact in poses) else "release"
+
+
+def is_releasable(scene: Scene, pose: At, ends: Array) -> bool:
+    """Whether some grasp holds an object at some of its ends (n, 3), with nothing else on the table."""
+    body = scene.body(pose.object)
+    half = body.position[2] - body.bottom
+    if not len(ends):
+        return False
+    for radius, turn in itertools.product((0.0, 0.5 * pose.tolerance, 0.95 * pose.tolerance), range(8)):
+        aim = np.array((pose.x, pose.y)) + radius * np.array((math.cos(turn * np.pi / 4), math.sin(turn * np.pi / 4)))
+        near = ends[np.argmin(np.hypot(*(ends[:, :2] - aim).T))]
+        if radius == 0.0 and turn:
+            continue
+        there = body.at([near[0], near[1], scene.support.top + half])
+        alone = CollisionWorld.from_scene(replace(scene, objects=(there,)))
+        if _can_leave(alone, body.name, generate_grasps(there, scene.robot, GRASP_SETS["all"]), 0):
+            return True
+    return False
 
 
 def removable(scene: Scene, wanted: Collection[str]) -> set[str]:
@@ -195,6 +227,8 @@ def ends_of(scene: Scene, fact: At | Inside) -> Array:
 
 
 def _turns(body: Body) -> Array:
+    if body.shape == "pieces":
+        return np.arange(0.0, 2 * np.pi, WIDE_TURN)
     return np.arange(0.0, np.pi, TURN) if body.shape == "box" else np.zeros(1)
 
 
@@ -235,6 +269,9 @@ def _apart_from(body: Body, places: Array, others: Collection[Body]) -> Array:
     for other in others:
         if other.bottom >= body.top or other.top <= body.bottom or other.name == body.name:
             continue
+        if body.shape == "pieces":
+            places = places[[not _have_common_point(body, place, other) for place in places]]
+            continue
         away = places[:, :2] - other.position[:2]
         if other.shape == "box":
             gap = _beyond(away @ other.rotation[:2, :2], other.half_extents) - _inner_radius(body)
@@ -246,6 +283,38 @@ def _apart_from(body: Body, places: Array, others: Collection[Body]) -> Array:
             gap = np.hypot(*away.T) - _inner_radius(body) - _inner_radius(other)
         places = places[gap >= -SLACK]
     return places
+
+
+def _have_common_point(body: Body, place: Array, other: Body) -> bool:
+    """Whether some random point in an object at a place (3,) is deep in another one where that stands."""
+    if math.dist(place[:2], other.position[:2]) > body.radius + other.radius:
+        return False
+    c, s = math.cos(place[2] - body.yaw), math.sin(place[2] - body.yaw)
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    for local in _points_in(body):
+        points = (local - (*body.position[:2], 0.0)) @ turn + (*place[:2], 0.0)
+        for normals, away in _planes_of(other):
+            if (points @ normals.T < away).all(axis=1).any():
+                return True
+    return False
+
+
+@lru_cache
+def _points_in(body: Body) -> list[Array]:
+    """Random points (n, 3) in each piece of an object where it stands."""
+    rng, found = np.random.default_rng(0), list[Array]()
+    for piece in body.placed:
+        normals, away = piece.planes
+        points = rng.uniform(piece.lower, piece.upper, (POINTS, 3))
+        found.append(points[(points @ normals.T <= away).all(axis=1)])
+    return found
+
+
+@lru_cache
+def _planes_of(body: Body) -> list[tuple[Array, Array]]:
+    """Planes (k, 3), (k,) about each piece of an object, moved inwards along the table by what a grid misses."""
+    planes = [piece.planes for piece in body.placed]
+    return [(normals, away - SLACK * np.hypot(*normals.T[:2])) for normals, away in planes]
 
 
 def _arrangements(ends: Sequence[tuple[Body, Array]]) -> Iterator[bool]:
@@ -298,9 +367,9 @@ def _has_sequence(scene: Scene, goal: Goal, ends: dict[str, Array], wanted: Coll
 # Scenes: functions of the seed alone.
 
 
-def drawn(seed: int) -> tuple[str, Scene, Goal]:
+def drawn(seed: int, kinds: Sequence[str] = USUAL) -> tuple[str, Scene, Goal]:
     """Kind, scene and goal of a seed."""
-    rng, kind = np.random.default_rng(seed), [*KINDS][(seed - FIRST_SEED) % len(KINDS)]
+    rng, kind = np.random.default_rng(seed), kinds[(seed - FIRST_SEED) % len(kinds)]
     return kind, *KINDS[kind](rng)
 
 
@@ -394,6 +463,41 @@ def _crowded(rng: np.random.Generator) -> tuple[Scene, Goal]:
     return scene, goals.and_(*(goals.inside(body.name, "place") for body in bodies))
 
 
+def _mug(scene: Scene, number: int, x: float, y: float, radius: float, yaw: float) -> Body:
+    """A bottom, a wall of eight boxes and a handle, which puts its centre beside that of the bottom."""
+    high, top = 0.05, scene.support.top
+    pieces = [Solid("bottom", np.array([0.0, 0.0, 0.004]), np.array([radius, radius, 0.004]), "cylinder")]
+    for k, turn in enumerate(np.arange(8) * np.pi / 4):
+        c, s = math.cos(turn), math.sin(turn)
+        R = np.array([(c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)])
+        middle, half = np.array([radius * c, radius * s, high]), np.array([0.003, 0.4 * radius, high])
+        pieces.append(Solid(f"wall {k}", middle, half, "box", R))
+    pieces.append(Solid("handle", np.array([radius + 0.015, 0.0, high]), np.array([0.015, 0.006, 0.03])))
+    turned = (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))
+    return Body.of_pieces(f"object_{number:02d}", pieces, (x, y, top), turned)
+
+
+def _mugs(rng: np.random.Generator) -> tuple[Scene, Goal]:
+    """Two or three mugs that change places, or nearly, some of them before others."""
+    scene, count = _furniture("paper"), int(rng.integers(2, 4))
+    bodies = [
+        _mug(scene, k, -0.1, 0.2 * (k - 1), rng.uniform(0.03, 0.036), rng.uniform(-np.pi, np.pi)) for k in range(count)
+    ]
+    after = [bodies[(k + 1) % count].position[:2] + rng.uniform(-0.04, 0.04, 2) for k in range(count)]
+    moves = goals.and_(*(goals.at(one.name, to) for one, to in zip(bodies, after, strict=True)))
+    first, second = rng.permutation(count)[:2]
+    return replace(scene, objects=tuple(bodies)), moves & goals.before(bodies[first].name, bodies[second].name)
+
+
+def _corner(rng: np.random.Generator) -> tuple[Scene, Goal]:
+    """An object that is to go into a corner, or beside a wall, of a cabinet."""
+    scene, radius = _furniture("cabinet"), rng.uniform(0.025, 0.035)
+    body = _cylinder(scene, 0, -0.15, rng.uniform(-0.2, 0.2), radius, rng.uniform(0.05, 0.2))
+    far, side = scene.support.extent[:2] - radius - rng.uniform(0.002, 0.03, 2)
+    x = far if rng.random() < 0.7 else rng.uniform(0.0, far)
+    return replace(scene, objects=(body,)), goals.at(body.name, (x, side * rng.choice((-1.0, 1.0))), 0.005)
+
+
 KINDS: dict[str, Callable[[np.random.Generator], tuple[Scene, Goal]]] = {
     "full cabinet": _full_cabinet,
     "row": _row,
@@ -401,6 +505,8 @@ KINDS: dict[str, Callable[[np.random.Generator], tuple[Scene, Goal]]] = {
     "fixed": _fixed,
     "circle": _circle,
     "crowded": _crowded,
+    "mugs": _mugs,
+    "corner": _corner,
 }
 """Scenes that leave little or no way out."""
 

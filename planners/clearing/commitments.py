@@ -55,10 +55,14 @@ class Commitments:
 
 @dataclass(frozen=True)
 class NoCommitment:
-    """Failure to choose commitments: the cause, and the objects concerned."""
+    """Failure to choose commitments: the cause, the objects concerned, and whether another attempt would be in vain.
+
+    It would be if no hand can release an object at its place, whatever else is moved.
+    """
 
     cause: Cause
     objects: tuple[str, ...]
+    is_in_vain: bool = False
 
 
 def grasped(scene: Scene, grasp: GraspCandidate) -> Scene:

@@ -36,6 +36,7 @@ from planners.placing.blockers import PutDownMasks, can_be_released, is_put_down
 from planners.placing.goal_places import Place, in_the_way, must_go_first, place_of, without_room
 from planners.placing.locations import stand_at
 from planners.placing.placements import PlacementSearch
+from planners.placing.why_not import never_fits
 from planners.scene import MAX_OBJECTS, Scene
 from planners.scene.cover import is_covered
 
@@ -60,7 +61,8 @@ class LowerBound:
             is if an object goes under a shelf and no hand is found that fits there beside the objects that stay.
         least: no plan has fewer picks.
         cause: "", or why planning is impossible: "unreachable", "no self-clearable set", "time limit" or "no clearance
-            location". With the last one, the objects are too many or too large for their places.
+            location". With the last one, the objects are too many or too large for their places, or no hand has room to
+            release one in its container.
         expansions: search nodes visited.
     """
 
@@ -102,8 +104,8 @@ def fewest_picks(
         also: names of further objects to move.
         search: finds base poses for put-downs. With None, the blockers of put-downs are ignored.
         buffers: whether objects put aside are put down, and so picked again. False if they may stay in a hand.
-        is_exact: whether to look for hands that fit under a shelf, without which `proved` is not said there, and for
-            hands that fit at each place at all, without which it is not proved that none does. Both may take seconds.
+        is_exact: whether to look for hands, which may take seconds. Without it, less is proved: nothing under a shelf,
+            and not that no hand fits at a place or in a container.
         fewer_than: plans with that many picks, of which one is known, or more count as none. This is found sooner.
         expansions: limit of search nodes for the proof.
         deadline: when to stop.
@@ -126,6 +128,10 @@ def fewest_picks(
             for fact in moving
             if not can_be_released(search, candidates, scene, fact.object, place_of(scene, fact))
         )
+        placed = [] if stuck else [fact for fact in goal.placed if fact.object in to_move]
+        kept_out = [one.object for one in placed if never_fits(candidates, scene, one.object, place_of(scene, one))]
+        if kept_out:
+            return LowerBound(None, tuple(kept_out), (), True, 0, Cause.NO_CLEARANCE_LOCATION)
     if stuck:
         return LowerBound(None, stuck, (), True, 0, Cause.UNREACHABLE)
     table = PickTable(

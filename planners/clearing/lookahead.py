@@ -134,7 +134,7 @@ def look_ahead(maker: MoveMaker, scene: Scene) -> ClearancePlan | NoCommitment:
     if found is not None:
         return as_plan(maker.candidates, scene, found.moves)
     if search.never_placed:
-        return NoCommitment(Cause.NO_CLEARANCE_LOCATION, (search.never_placed,))
+        return NoCommitment(Cause.NO_CLEARANCE_LOCATION, (search.never_placed,), is_in_vain=True)
     if maker.deadline.is_over:
         return NoCommitment(Cause.TIME_LIMIT, first.waiting)
     nowhere = tuple(name for name, _ in search.failed.most_common(1))

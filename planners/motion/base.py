@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
+from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.ground_map import GroundMap
 from planners.collision.world import OVERLAP, STEP, SUPPORT_SLACK, CollisionWorld
 from planners.motion.arm import SHORTCUTS
@@ -33,6 +34,7 @@ _AWAY, _WAYS, _SIZES = (0.03, 0.08, 0.2, 0.4), 16, 19
 """Distances [m] and number of directions for leaving touched objects, and number of sizes by which these are shrunk."""
 
 CANNOT_MOVE = NoPath("the base cannot move")
+OUT_OF_TIME = NoPath("the time was up before a drive was found")
 _STANDS = 1e-6
 """Distance [m] below which the base stands still."""
 Array = NDArray[np.float64]
@@ -59,6 +61,7 @@ class BaseRoadmap:
         held: HeldObject | None,
         rng: np.random.Generator,
         ignore: int = 0,
+        deadline: Deadline = NO_DEADLINE,
     ) -> Array | None:
         """Search a drive (k, 11) between two whole-body configurations (2, 11) on the lattice. None if it fails.
 
@@ -75,8 +78,10 @@ class BaseRoadmap:
             ways_to(goal, ground.parts, ground.origin, ground.cell),
         )
         path, reached = search_lattice(
-            checks, start, goal, ways, ground.origin, ground.cell, _SPACING, _TURNS, _COARSE_STEP, _MOST_NODES
+            checks, start, goal, ways, ground.origin, ground.cell, _SPACING, _TURNS, _COARSE_STEP, _MOST_NODES, deadline
         )
+        if reached is None:
+            return None
         if not len(path):
             self._explored[key] = kept, reached
             return None
@@ -106,6 +111,7 @@ def plan_base(
     held: HeldObject | None = None,
     rng: np.random.Generator | None = None,
     roadmap: BaseRoadmap | None = None,
+    deadline: Deadline = NO_DEADLINE,
 ) -> WholeBodyPath | NoPath:
     """Plan a collision-free motion of the base: straight if possible, else backing away first, else on a lattice.
 
@@ -121,6 +127,7 @@ def plan_base(
         held: the held object.
         rng: for shortcuts of drives on the lattice. Default: seed 0.
         roadmap: roadmap of the scene's static obstacles. By default, it is made when needed.
+        deadline: when to stop a search on the lattice.
 
     Returns:
         The path, or the reason why none was found: `NO_WAY` if start and goal are free, but not connected.
@@ -141,7 +148,9 @@ def plan_base(
                 return WholeBodyPath(X, opening, held)
     away = _moved_away(world, here, configuration, opening, held)
     if away is not None:
-        onwards = plan_base(world, away, there, configuration, opening=opening, held=held, rng=rng, roadmap=roadmap)
+        onwards = plan_base(
+            world, away, there, configuration, opening=opening, held=held, rng=rng, roadmap=roadmap, deadline=deadline
+        )
         if isinstance(onwards, NoPath):
             return onwards
         return replace(onwards, configurations=np.vstack([on_base(here, configuration), onwards.configurations]))
@@ -156,12 +165,12 @@ def plan_base(
     for padded, ignore in (wide, (world, 0)):
         if any(padded.hits(place, configuration, opening, held, ignore) for place in (here, there)):
             continue
-        path = roadmap.search(padded, X, opening, held, rng, ignore)
+        path = roadmap.search(padded, X, opening, held, rng, ignore, deadline)
         if path is not None:
             path = on_base(driveable(world.scene.robot, path[:, :3]), configuration)
         if path is not None and not world.path_hits(path, opening, held):
             return WholeBodyPath(path, opening, held)
-    return NO_WAY
+    return OUT_OF_TIME if deadline.is_over else NO_WAY
 
 
 def _standing(world: CollisionWorld, X: Array, opening: float, held: HeldObject | None) -> WholeBodyPath | NoPath:

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import heapq
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irm.compilation import njit
 from irm.kernel_arguments import copy_row
+from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.hit_kernels import CollisionQuery, configuration_hits, edge_hits
 
 Array = NDArray[np.float64]
@@ -28,6 +30,8 @@ _RADIAN = 0.3
 """Distance [m] that a turn by one radian costs."""
 NEAR = 1.6
 """Steps of the lattice from which the goal, which is not a node, is tried."""
+_AT_ONCE = 10_000
+"""Nodes to look at between two looks at the clock: about 20 ms."""
 
 
 @njit(cache=True)
@@ -65,8 +69,7 @@ def ways_to(goal: Array, parts: NDArray[np.int64], origin: Array, cell: float) -
     return ways
 
 
-@njit(cache=True)
-def search_lattice(  # noqa: C901  compiled: one loop over one state
+def search_lattice(
     query: CollisionQuery,
     start: Array,
     goal: Array,
@@ -77,7 +80,8 @@ def search_lattice(  # noqa: C901  compiled: one loop over one state
     turns: int,
     step: float,
     most: int,
-) -> tuple[Array, Array]:
+    deadline: Deadline = NO_DEADLINE,
+) -> tuple[Array, Array | None]:
     """Search a collision-free drive from one whole-body configuration to a base pose, with a fixed arm.
 
     Args:
@@ -88,18 +92,80 @@ def search_lattice(  # noqa: C901  compiled: one loop over one state
         spacing: spacing [m] of nodes, with `turns` yaws each.
         step: largest motion [m] of a point of the robot between two checks.
         most: most nodes to reach.
+        deadline: when to stop.
 
     Returns:
-        The drive (k, 3 + n), (0, 3 + n) if none was found, and the reached base poses (m, 3).
+        The drive (k, 3 + n), (0, 3 + n) if none was found, and the reached base poses (m, 3), None at the deadline.
     """
-    d, turn = start.shape[0], 2.0 * math.pi / turns
-    low_x, low_y = math.floor((start[0] - origin[0]) / spacing), math.floor((start[1] - origin[1]) / spacing)
-    mx = low_x + 1 + math.floor((origin[0] + cell * ways.shape[0] - start[0]) / spacing)
-    my = low_y + 1 + math.floor((origin[1] + cell * ways.shape[1] - start[1]) / spacing)
+    lattice = _lattice_about(start, ways.shape, origin, cell, spacing, turns)
+    heap, reached, count, last = np.array([(0.0, 0.0, lattice.first, lattice.first)]), np.empty((most, 3)), 0, -1
+    while last < 0 and len(heap) and count < most:
+        if deadline.is_over:
+            return np.empty((0, len(start))), None
+        heap, count, last = _go_on(query, lattice, start, goal, ways, origin, cell, step, heap, reached, count)
+    path = _drive_to(lattice, start, goal, last) if last >= 0 else np.empty((0, len(start)))
+    return path, reached[:count].copy()
+
+
+class _Lattice(NamedTuple):
+    """The nodes of a search, its start among them, with what is known of each.
+
+    Attributes:
+        spacing, turn: [m] and [rad] between nodes.
+        low_x, low_y: indices of the start.
+        first: number of the start.
+        known: (mx, my, turns) states.
+        parents: (mx * my * turns,) number of the node before each, -1 for none.
+    """
+
+    spacing: float
+    turn: float
+    low_x: int
+    low_y: int
+    first: int
+    known: NDArray[np.uint8]
+    parents: NDArray[np.int64]
+
+
+def _lattice_about(
+    start: Array, cells: tuple[int, ...], origin: Array, cell: float, spacing: float, turns: int
+) -> _Lattice:
+    """The lattice with a node at the start, over a map of so many cells."""
+    low_x, low_y = (math.floor((start[k] - origin[k]) / spacing) for k in (0, 1))
+    mx, my = (
+        low + 1 + math.floor((origin[k] + cell * cells[k] - start[k]) / spacing) for k, low in ((0, low_x), (1, low_y))
+    )
     known, parents = np.zeros((mx, my, turns), np.uint8), np.full(mx * my * turns, -1)
-    here, there, first = start.copy(), start.copy(), (low_x * my + low_y) * turns
-    heap, reached, count, last = [(0.0, 0.0, first, first)], np.empty((most, 3)), 0, -1
-    while len(heap) > 0 and count < most:
+    return _Lattice(spacing, 2.0 * math.pi / turns, low_x, low_y, (low_x * my + low_y) * turns, known, parents)
+
+
+@njit(cache=True)
+def _go_on(
+    query: CollisionQuery,
+    lattice: _Lattice,
+    start: Array,
+    goal: Array,
+    ways: Array,
+    origin: Array,
+    cell: float,
+    step: float,
+    queue: Array,
+    reached: Array,
+    count: int,
+) -> tuple[Array, int, int]:
+    """Go on with a search, as if it had not been interrupted, until `_AT_ONCE` nodes are looked at.
+
+    `queue` (m, 4) is a heap of nodes to look at: estimated cost to the goal [m], cost so far [m], node, node before it.
+    The poses of reached nodes go to `reached`, after the first `count`. Returns queue, count, and the node from which
+    the goal is reached, -1 for none.
+    """
+    spacing, turn, low_x, low_y, _, known, parents = lattice
+    mx, my, turns = known.shape
+    here, there = start.copy(), start.copy()
+    heap = [(queue[k, 0], queue[k, 1], int(queue[k, 2]), int(queue[k, 3])) for k in range(len(queue))]
+    for _ in range(_AT_ONCE):
+        if len(heap) == 0 or count == len(reached):
+            break
         _, cost, node, parent = heapq.heappop(heap)
         i, j, t = node // (my * turns), node // turns % my, node % turns
         if known[i, j, t] >= _BLOCKED:
@@ -125,8 +191,7 @@ def search_lattice(  # noqa: C901  compiled: one loop over one state
         if max(abs(away_x), abs(away_y)) <= NEAR * spacing and abs(away) <= NEAR * turn:
             here[0], here[1], here[2] = goal[0], goal[1], there[2] + away
             if edge_hits(query, there, here, step) == _NONE:
-                last = node
-                break
+                return np.empty((0, 4)), count, node
         for move in range(10):
             a, b, c = i, j, t
             if move < 8:
@@ -146,12 +211,21 @@ def search_lattice(  # noqa: C901  compiled: one loop over one state
             heapq.heappush(
                 heap, (gone + _GREED * (ways[u, v] + _RADIAN * to_turn), gone, (a * my + b) * turns + c, node)
             )
-    if last < 0:
-        return np.empty((0, d)), reached[:count].copy()
+    left = np.empty((len(heap), 4))
+    for k in range(len(heap)):
+        left[k, 0], left[k, 1], left[k, 2], left[k, 3] = heap[k]
+    return left, count, -1
+
+
+@njit(cache=True)
+def _drive_to(lattice: _Lattice, start: Array, goal: Array, last: int) -> Array:
+    """The drive (k, 3 + n) over the nodes up to the `last` one, and from there to the goal."""
+    spacing, turn, low_x, low_y, _, known, parents = lattice
+    _, my, turns = known.shape
     length, node = 2, last
     while parents[node] != node:
         length, node = length + 1, parents[node]
-    path, node = np.empty((length, d)), last
+    path, node = np.empty((length, start.shape[0])), last
     for row in range(length - 2, -1, -1):
         copy_row(start, path[row])
         path[row, 0] = start[0] + (node // (my * turns) - low_x) * spacing
@@ -162,7 +236,7 @@ def search_lattice(  # noqa: C901  compiled: one loop over one state
     path[length - 1, :2], path[length - 1, 2] = goal[:2], goal[2]
     for row in range(1, length):
         path[row, 2] = path[row - 1, 2] + _wrapped(path[row, 2] - path[row - 1, 2])
-    return path, reached[:count].copy()
+    return path
 
 
 @njit(cache=True)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.straight_lines import trace_straight
 from planners.collision.world import CollisionWorld
 from planners.goals import LIFTED
@@ -67,6 +68,7 @@ def plan_pick(
     rng: np.random.Generator,
     ignore: int = 0,
     rises: bool = False,
+    deadline: Deadline = NO_DEADLINE,
 ) -> PickPlaceMotion | BlockedBy | NoPath:
     """Plan to take an object with a given grasp and carry it in the home configuration, or another if needed.
 
@@ -79,6 +81,7 @@ def plan_pick(
         rng: for the free paths.
         ignore: mask of objects that are not obstacles.
         rises: whether the arm raises the object if the torso cannot raise it by `LIFTED`, as from a high shelf.
+        deadline: when to stop a search for a drive, if the base stands elsewhere.
 
     Returns:
         The motion, the smallest known set of objects in its way, or the reason why clearing does not help. Continuous
@@ -89,7 +92,7 @@ def plan_pick(
     """
     inside, stand, q_start = _split(world, base, start)
     query = ContactQuery.grasp(world, inside, unwrap_joints(world.robot, q_start, q_grasp), name, ignore)
-    return _plan_around(_FreePaths(query, stand, q_start, False, rng, rises))
+    return _plan_around(_FreePaths(query, stand, q_start, False, rng, rises, deadline))
 
 
 def plan_reach(
@@ -100,11 +103,12 @@ def plan_reach(
     name: str,
     *,
     rng: np.random.Generator,
+    deadline: Deadline = NO_DEADLINE,
 ) -> tuple[WholeBodyPath, WholeBodyPath, HeldObject] | BlockedBy | NoPath:
     """Plan the approach to a grasp only, for a handle that is pulled afterwards.
 
     Args:
-        world, base, start, q_grasp, name, rng: as for `plan_pick`.
+        world, base, start, q_grasp, name, rng, deadline: as for `plan_pick`.
 
     Returns:
         The free path and the straight lines before the fingers close, and the object as it is then held. Otherwise the
@@ -112,7 +116,7 @@ def plan_reach(
     """
     inside, stand, q_start = _split(world, base, start)
     query = ContactQuery.grasp(world, inside, unwrap_joints(world.robot, q_start, q_grasp), name)
-    free = _FreePaths(query, stand, q_start, False, rng)
+    free = _FreePaths(query, stand, q_start, False, rng, deadline=deadline)
     for find_blockers in (False, True):
         found: BlockedBy | NoPath = NoPath("no free approach found")
         for pattern in query.patterns:
@@ -139,6 +143,7 @@ def plan_place(
     *,
     rng: np.random.Generator,
     find_blockers: bool = True,
+    deadline: Deadline = NO_DEADLINE,
 ) -> PickPlaceMotion | BlockedBy | NoPath:
     """Plan to put down the held object, then move to the robot's home configuration.
 
@@ -150,13 +155,14 @@ def plan_place(
         rng: for the free paths.
         find_blockers: whether to find the objects in the way. If not, the result comes sooner, and is `NoPath` instead
             of `BlockedBy`.
+        deadline: as for `plan_pick`.
 
     Returns:
         As for `plan_pick`.
     """
     inside, stand, q_start = _split(world, base, start)
     query = ContactQuery.release(world, inside, unwrap_joints(world.robot, q_start, q_release), held)
-    return _plan_around(_FreePaths(query, stand, q_start, True, rng), find_blockers)
+    return _plan_around(_FreePaths(query, stand, q_start, True, rng, deadline=deadline), find_blockers)
 
 
 def _split(world: CollisionWorld, base: ArrayLike, start: ArrayLike) -> tuple[Array, Array, Array]:
@@ -182,6 +188,7 @@ class _FreePaths:
     starts_loaded: bool  # a put-down: the object is held at the start
     rng: np.random.Generator
     rises: bool = False
+    deadline: Deadline = NO_DEADLINE
 
     def around(self, approach: Approach, find_blockers: bool) -> PickPlaceMotion | BlockedBy | NoPath:
         """Plan the whole motion with straight lines. Objects in the way are ignored, then returned as blockers."""
@@ -218,8 +225,16 @@ class _FreePaths:
             return self._carry_path(query, q_hover, find_blockers)
         drive: WholeBodyPath | NoPath | None = None
         if np.abs(self.base - hover).max() > SAME_BASE:
-            held, opening = query.held, query.opening
-            drive = plan_base(query.world, self.base, hover, self.q, opening=opening, held=held, rng=self.rng)
+            drive = plan_base(
+                query.world,
+                self.base,
+                hover,
+                self.q,
+                opening=query.opening,
+                held=query.held,
+                rng=self.rng,
+                deadline=self.deadline,
+            )
         if isinstance(drive, NoPath):
             return drive
         path = self._arm_path(query, q_hover, self.q, find_blockers)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
+from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.opened import STEPS, pulled, riding, way, without_moving
 from planners.collision.scene_arrays import RobotArrays
 from planners.collision.world import OVERLAP, CollisionWorld
@@ -170,20 +171,26 @@ class PullMotion:
 
 
 def plan_pull(
-    world: CollisionWorld, base: ArrayLike, start: ArrayLike, q_grasp: ArrayLike, *, rng: np.random.Generator
+    world: CollisionWorld,
+    base: ArrayLike,
+    start: ArrayLike,
+    q_grasp: ArrayLike,
+    *,
+    rng: np.random.Generator,
+    deadline: Deadline = NO_DEADLINE,
 ) -> PullMotion | BlockedBy | NoPath:
     """Plan to grasp the scene's handle, pull it to the wanted position, let go, and bring the arm home.
 
     Args:
         world: the compiled scene, with a `pull`.
-        base, start, q_grasp, rng: as for `plan_pick`.
+        base, start, q_grasp, rng, deadline: as for `plan_pick`.
 
     Returns:
         The motion, the objects in its way, or the reason why clearing does not help.
     """
     scene = world.scene
     assert scene.pull is not None
-    reached = plan_reach(world, base, start, q_grasp, scene.pull.handle, rng=rng)
+    reached = plan_reach(world, base, start, q_grasp, scene.pull.handle, rng=rng, deadline=deadline)
     if isinstance(reached, BlockedBy | NoPath):
         return reached
     transit, approach, held = reached

@@ -11,7 +11,7 @@ import itertools
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from scipy.ndimage import distance_transform_edt
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import SUPPORT_SLACK, CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
-from planners.grasping.base_placement import Placer, facing_bases, farthest_reach
+from planners.grasping.base_placement import MANY_BASES, Placer, facing_bases, farthest_reach
 from planners.grasping.candidates import GraspCandidate
 from planners.grasping.grasp_poses import opening_around
 from planners.hollows import Hollow, hollow_about
@@ -119,6 +119,7 @@ class PlacementSearch:
         canonical: whether canonical placements come first.
         near_home: whether only the arm configuration nearest to home is tried, for end-effector-controlled robots.
         turns_least: whether releases come first at which the gripper is turned least from where it took the object.
+        closely: whether many base poses are tried where the first ones release nothing at any location.
     """
 
     arms: Mapping[str, Placer]
@@ -126,6 +127,7 @@ class PlacementSearch:
     canonical: bool = False
     near_home: bool = False
     turns_least: bool = False
+    closely: bool = False
     _volumes: dict[tuple[str, bytes, bytes], SweptVolume] = field(default_factory=dict, repr=False, compare=False)
     _depths: dict[tuple[object, ...], tuple[Array, float]] = field(default_factory=dict, repr=False, compare=False)
     _surfaces: dict[tuple[object, ...], tuple[Surface, ...]] = field(default_factory=dict, repr=False, compare=False)
@@ -162,16 +164,34 @@ class PlacementSearch:
         if self.canonical:
             cells = self._cells_best_first(scene, surfaces)[: strategy.locations_per_level]
             yield from (replace(found, surfaces=surfaces) for found in self._straight(world, cells, deadline))
+        for most in self._looks():
+            has_any = False
+            for placement in self._aside(world, surfaces, strategy, rng, deadline, most):
+                has_any = True
+                yield replace(placement, surfaces=surfaces)
+            if has_any:
+                return
+
+    def _aside(
+        self,
+        world: CollisionWorld,
+        surfaces: tuple[Surface, ...],
+        strategy: Strategy,
+        rng: np.random.Generator,
+        deadline: Deadline,
+        most: int,
+    ) -> Iterator[Placement]:
+        """Placements of the held object on some surfaces. Arguments as for `find` and `_after_a_drive`."""
+        scene, after_one = world.scene, partial(self._after_a_drive, most=most)
         levels, free_of = _free_levels(surfaces, _radius(scene), scene.state.base, rng), _free_of(world)
         for locations, from_here, after_a_drive in self._locations(scene, levels, strategy, rng):
             poses, free = gripper_poses_at(scene, locations), dict[int, Array]()
-            for look, rows in ((self._from_here, from_here), (self._after_a_drive, after_a_drive)):
+            for look, rows in ((self._from_here, from_here), (after_one, after_a_drive)):
                 for row in itertools.takewhile(lambda _: not deadline.is_over, rows.tolist()):
                     if row not in free:
                         free[row] = free_of(poses[row])
                     if len(free[row]):
-                        found = look(world, locations[row], free[row])
-                        yield from (replace(placement, surfaces=surfaces) for placement in found)
+                        yield from look(world, locations[row], free[row])
 
     def find_at(
         self,
@@ -201,9 +221,16 @@ class PlacementSearch:
         lowered = with_lowered(world, place.below) if place.below else world
         surfaces = () if place.below else self.surfaces(world, keep_clear, (place.face,))
         failed = [] if failed is None else failed
-        asked = place, keep_clear, surfaces, leaving, others, failed, deadline, stacked
-        at = _AtPlace(self, world.scene, lowered, *asked)
-        yield from (replace(found, surfaces=surfaces, below=place.below) for found in at.placements())
+        asked, has_any = (place, keep_clear, surfaces, leaving, others), False
+        for most in self._looks():
+            # What has failed from few base poses is tried again.
+            known = [] if most else failed
+            at = _AtPlace(self, world.scene, lowered, *asked, known, deadline, stacked, most)
+            for found in at.placements():
+                has_any = True
+                yield replace(found, surfaces=surfaces, below=place.below)
+            if has_any:
+                return
 
     def depth(self, world: CollisionWorld, place: Place) -> tuple[Array, float]:
         """Find the direction (2,) into a place under a shelf, and the depth [m] that the held object can reach there.
@@ -258,11 +285,15 @@ class PlacementSearch:
         """
         yield from self._held_at(world, location, _free_poses(world)(location, yaws))
 
-    def _held_at(self, world: CollisionWorld, location: Array, free: Array) -> Iterator[Placement]:
-        """Placements at a location from collision-free gripper poses (k, 5)."""
+    def _held_at(self, world: CollisionWorld, location: Array, free: Array, most: int = 0) -> Iterator[Placement]:
+        """Placements at a location from collision-free gripper poses (k, 5). `most` as for `_after_a_drive`."""
         if len(free):
             yield from self._from_here(world, location, free)
-            yield from self._after_a_drive(world, location, free)
+            yield from self._after_a_drive(world, location, free, most)
+
+    def _looks(self) -> tuple[int, ...]:
+        """Base poses for each gripper pose in each look for placements. The next look is for want of any."""
+        return (0, MANY_BASES) if self.closely else (0,)
 
     def holding_at(self, world: CollisionWorld, point: Array) -> Iterator[Placement]:
         """Find placements with the held object's centre at a point (3,) [m], in the air, upright as it was taken."""
@@ -357,9 +388,14 @@ class PlacementSearch:
         bases = np.tile(np.array(world.scene.state.base), (len(near), 1))
         return self._configurations(world, GripperPoses(bases, near), location[2])
 
-    def _after_a_drive(self, world: CollisionWorld, location: Array, gripper_poses: Array) -> Iterator[Placement]:
-        """Placement at a location (3,) after a base motion, by free gripper poses (k, 5), if any."""
-        bases, index = self.arms[world.scene.robot.arm_name].bases(gripper_poses)
+    def _after_a_drive(
+        self, world: CollisionWorld, location: Array, gripper_poses: Array, most: int = 0
+    ) -> Iterator[Placement]:
+        """Placement at a location (3,) after a base motion, by free gripper poses (k, 5), if any.
+
+        `most`: base poses for each gripper pose, if that is more than plans begin with.
+        """
+        bases, index = self.arms[world.scene.robot.arm_name].bases(gripper_poses, most)
         return self._configurations(world, GripperPoses(bases, gripper_poses[index]), location[2])
 
     def grid(self, arm: str) -> ConfigurationGrid:
@@ -399,6 +435,7 @@ class _AtPlace:
         world: the same scene compiled, with the object below the place lowered.
         place, keep_clear, leaving, others, failed, deadline, stacked: as for `PlacementSearch.find_at`.
         surfaces: the face of the place with its keep-out regions. Empty on top of an object.
+        most: base poses for each gripper pose, if that is more than plans begin with.
     """
 
     search: PlacementSearch
@@ -412,6 +449,7 @@ class _AtPlace:
     failed: list[Array]
     deadline: Deadline
     stacked: Sequence[Body] = ()
+    most: int = 0
 
     def placements(self) -> Iterator[Placement]:
         """Find placements at the locations of the place, then from above for containers too deep for the hand."""
@@ -517,7 +555,7 @@ class _AtPlace:
 
     def _released_at(self, location: Array, free: Array, drop: float) -> Iterator[Placement]:
         """Placements by gripper poses (k, 5) at a location (3,) [m], from which the object falls by `drop` [m]."""
-        for found in self.search._held_at(self.world, location, free):
+        for found in self.search._held_at(self.world, location, free, self.most):
             yield replace(found, body=found.body.lowered(drop), drop=drop)
 
     def _is_allowed(self, points: Array, foot: float | None = None) -> NDArray[np.bool_]:

@@ -11,17 +11,19 @@ from numpy.typing import NDArray
 
 from planners.collision.hit_kernels import place_along
 from planners.collision.scene_arrays import robot_arrays
-from planners.collision.world import CollisionWorld
+from planners.collision.world import PADDING, CollisionWorld
 from planners.grasping.arm_configurations import gripper_arrays, gripper_hits
 from planners.grasping.candidates import GraspCandidates
 from planners.grasping.grasp_poses import opening_around
 from planners.hollows import Hollow, hollow_about
 from planners.placing.blockers import in_any_hand, wanted_poses
-from planners.placing.goal_places import Place, Yaws, locations_in
+from planners.placing.goal_places import Place, Yaws, distances_to_polygon, locations_in
 from planners.placing.locations import in_hand
 from planners.placing.placements import FALLS, with_lowered
+from planners.regions import footprint
 from planners.scene import Body, Scene, StaticObstacle
 from planners.scene.bodies import release_pitch
+from planners.scene.cover import BACK, LEAST_LIFT, is_covered
 
 Array = NDArray[np.float64]
 
@@ -34,9 +36,11 @@ _RISE = 0.01
 _HIGHEST = 0.4
 """Largest height [m] above a place that is tested."""
 _LEAVES = 0.19
-"""Least rise [m] of the hand after a release: see `planners.motion.approaches`."""
+"""Least rise [m] of the hand after a release, if it does not go back: see `planners.motion.approaches`."""
 _RISES = (2, 6)
 """Numbers of heights on the hand's way up that are checked: the ends, then 38 mm apart, so that no board is missed."""
+_TURNS, _SHIFTS = 36, np.arange(-4, 5) * 0.001
+"""Number of yaws in half a turn, and shifts [m] along each axis, in which an object is tried in a container's mouth."""
 _NEAR = 0.5
 """Range [m] around a place for obstacles that may be in the way."""
 
@@ -45,24 +49,31 @@ _NEAR = 0.5
 class _Hand:
     """A relative grasp of the object, with gripper poses (k, 5) that release it at the bottom of a place.
 
-    The gripper opens by `opening` [m] there. The way up from there is checked at a number of `rises`.
+    The gripper opens by `opening` [m] there. The way up from there is checked at a number of `rises`. If the place
+    `is_covered`, the way back is, too.
     """
 
     scene: Scene
     poses: Array
     opening: float
+    is_covered: bool = False
     rises: int = _RISES[0]
 
-    def hits(self, world: CollisionWorld, rise: float = 0.0) -> NDArray[np.bool_]:
-        """Whether hand and object collide with the world when raised by `rise` [m]: (k,)."""
+    def hits(self, world: CollisionWorld, rise: float = 0.0, back: float = 0.0) -> NDArray[np.bool_]:
+        """Whether hand and object collide with the world when raised by `rise` [m] and moved `back` [m]: (k,)."""
         held, _ = in_hand(world.scene)
-        raised = self.poses + np.array((0.0, 0.0, rise, 0.0, 0.0))
-        return gripper_hits(world, raised, self.opening, held=held) != 0
+        moved = self.poses + np.array((0.0, 0.0, rise, 0.0, 0.0))
+        moved[:, :2] -= back * np.column_stack((np.cos(moved[:, 3]), np.sin(moved[:, 3])))
+        return gripper_hits(world, moved, self.opening, held=held) != 0
 
     def is_kept(self, world: CollisionWorld, fall: float) -> bool:
-        """Whether all of its poses touch something where it lets go of what falls by `fall` [m], or on the way up."""
+        """Whether all of its poses touch something where it lets go of what falls by `fall` [m], or on each way out."""
         rises = np.linspace(fall, fall + _LEAVES, self.rises)
-        return bool(np.any([self.hits(world, float(rise)) for rise in rises], axis=0).all())
+        is_kept = np.any([self.hits(world, float(rise)) for rise in rises], axis=0)
+        if self.is_covered and is_kept.all():
+            steps = ((0.0, 0.0), *((LEAST_LIFT, back) for back in np.linspace(0.0, BACK, self.rises)))
+            is_kept = np.any([self.hits(world, fall + rise, float(back)) for rise, back in steps], axis=0)
+        return bool(is_kept.all())
 
     def extent(self) -> tuple[float, float]:
         """Height [m] from the object's lowest to the hand's highest point, and the hand's smallest width [m]."""
@@ -172,6 +183,7 @@ def _hands(
     """Relative grasps of an object, each with its poses over some locations and yaws of a place."""
     middle = place.location if place.area is None else np.array(place.area.centre)
     assert middle is not None
+    is_under = is_covered(scene, np.append(middle, place.face.top))
     views = [view for view, _ in in_any_hand(candidates, scene, body)]
     for view in sorted(views, key=lambda view: -release_pitch(body, in_hand(view)[0])):  # from above first
         found: list[tuple[Array, Yaws]] = []
@@ -183,7 +195,7 @@ def _hands(
                 break
         poses = np.concatenate([wanted_poses(view, place, point, yaws) for point, yaws in found])
         held, in_it = in_hand(view)
-        yield _Hand(view, poses, opening_around(view.robot, in_it, held))
+        yield _Hand(view, poses, opening_around(view.robot, in_it, held), is_under)
 
 
 def _world(scene: Scene, place: Place) -> CollisionWorld:
@@ -277,6 +289,8 @@ def _between(
     walls = f"between the walls of {hollow.name}" if hollow is not None else f"beside {_names(things)}"
     if hollow is not None:
         walls += f", {1000 * hollow.width:.0f} mm apart and {1000 * hollow.depth:.0f} mm high,"
+    if hollow is not None and not _has_room(body, hollow):
+        return f"{walls} there are not {1000 * PADDING:.0f} mm left on every side of {body.name}"
     wide = min(hand.extent()[1] for hand in hands)
     words = f"{walls} a hand that is {1000 * wide:.0f} mm wide has no room to let go of {body.name}"
     rises = np.arange(_RISE, _HIGHEST, _RISE)
@@ -284,8 +298,23 @@ def _between(
     free = next((rise for rise in rises if any(not hand.hits(world, rise).all() for hand, world in worlds)), None)
     if free is None:
         return f"{words}, at no height"
-    most = f", and may fall {1000 * FALLS[-1]:.0f} mm at most" if hollow is not None else ""
+    falls = () if hollow is None else [one for one in FALLS if one < hollow.depth]
+    most = f", and {body.name} may fall {1000 * falls[-1]:.0f} mm at most" if falls else ""
     return f"{words}: it has room from {1000 * free:.0f} mm above the floor on{most}"
+
+
+def _has_room(body: Body, hollow: Hollow) -> bool:
+    """Whether an object fits into the mouth of a container with the distance that the robot keeps, in some yaw."""
+    corners = footprint(body) - body.position[:2]
+    for turn in np.arange(_TURNS) * (np.pi / _TURNS):
+        c, s = np.cos(turn), np.sin(turn)
+        turned = corners @ np.array([[c, s], [-s, c]])
+        for shift in itertools.product(_SHIFTS, _SHIFTS):
+            middle = np.add(hollow.area.centre, shift)
+            away = PADDING * turned / np.linalg.norm(turned, axis=1, keepdims=True)
+            if (distances_to_polygon(middle + turned + away, hollow.mouth) == 0.0).all():
+                return True
+    return False
 
 
 def _lowest(things: Sequence[StaticObstacle | Body]) -> float:

@@ -92,7 +92,7 @@ def initial_state(search: Search) -> PlanState | Infeasible:
             none = NoCommitment(Cause(search.bound.cause), search.bound.objects)
             return explain(search, scene, none)
         if kept_out := search.kept_out(scene):
-            return explain(search, scene, NoCommitment(Cause.NO_CLEARANCE_LOCATION, kept_out))
+            return explain(search, scene, NoCommitment(Cause.NO_CLEARANCE_LOCATION, kept_out, is_in_vain=True))
     held = {gripper_symbol(robot, one.arm): one.held.name for one in scene.aside}
     if scene.held is not None:
         held = {gripper_symbol(robot, robot.arm_name): scene.held.name, **held}

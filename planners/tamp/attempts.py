@@ -33,7 +33,8 @@ def best_of_attempts(
     started, workspace = cpu_seconds(), problem.workspace
     first = [problem.near_home()] if workspace.follower is not None else []
     outcomes: list[Solution | Infeasible] = []
-    is_proved, known = False, None
+    is_proved = is_in_vain = False
+    known = None
     for number, asked in enumerate([*first, *[problem] * strategy.attempts]):
         # A canonical plan depends on the scene alone, not on the state of the caller's generator.
         draws = np.random.default_rng(number) if workspace.canonical else rng
@@ -41,11 +42,12 @@ def best_of_attempts(
         known = known if known is not None and known.workspace is asked.workspace else None
         outcome, known = _attempt(asked, strategy, task_planner, draws, deadline, known)
         outcomes.append(outcome)
-        is_proved = is_final(outcome, asked.workspace.near_home)
+        is_in_vain = known.is_in_vain and not asked.workspace.near_home
+        is_proved = is_in_vain or is_final(outcome, asked.workspace.near_home)
         if deadline.is_over or is_proved:
             break
     best = best_outcome(outcomes, is_proved, deadline)
-    best = _or_with_fewer_picks(best, problem, strategy, task_planner, rng, deadline)
+    best = best if is_in_vain else _or_with_fewer_picks(best, problem, strategy, task_planner, rng, deadline)
     scene = problem.scene
     leaning = [one.name for one in scene.objects if one.name not in scene.held_names and leans(one)]
     if isinstance(best, Infeasible) and leaning:
@@ -97,7 +99,8 @@ def _or_with_fewer_picks(
     A plan from them alone is not always better: they include grasps to which no motion leads. Canonical plans stay as
     they are, so that they can be learned.
     """
-    has_bound = found.bound is not None if isinstance(found, Solution) else found.cause.lies_in_grasps
+    is_unplaced = _lacks_placements(found, problem, strategy)
+    has_bound = found.bound is not None if isinstance(found, Solution) else found.cause.lies_in_grasps or is_unplaced
     if not has_bound:
         return found
     if deadline.is_over:
@@ -116,6 +119,13 @@ def _or_with_fewer_picks(
     if isinstance(best, Solution) and best.bound is not None:
         return replace(best, bound=bound.met_by(best.picks))
     return best
+
+
+def _lacks_placements(found: Solution | Infeasible, problem: Problem, strategy: Strategy) -> bool:
+    """Whether a refusal of a strategy that plans ahead is for want of put-downs, and more base poses may have some."""
+    is_refused = isinstance(found, Infeasible) and found.cause is Cause.NO_CLEARANCE_LOCATION
+    is_canonical = problem.workspace.canonical
+    return is_refused and strategy.plans_ahead and not is_canonical and problem.candidates.can_look_closely
 
 
 def _without_closer_look(found: Solution | Infeasible, problem: Problem, deadline: Deadline) -> Solution | Infeasible:

@@ -22,6 +22,7 @@ def explain(search: Search, scene: Scene, found: NoCommitment) -> Infeasible:
         found: the cause and the objects that the choice of moves reports.
     """
     cause, objects = _cause(search.motion_layer, scene, found), found.objects
+    search.motion_layer.is_in_vain |= found.is_in_vain
     detail = _by_goal(search, scene, cause, objects)
     if detail:
         return search.infeasible(cause, detail, objects)

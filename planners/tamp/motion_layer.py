@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,6 +87,7 @@ class MotionLayer:
         checks_at_end: whether MuJoCo checks motions only once, when they are `shortened`.
         is_refuted: whether that late check refuted a motion. The plan must then be made again with a check of each
             motion.
+        is_in_vain: whether another attempt is: no hand can release an object at its place.
     """
 
     workspace: Workspace
@@ -96,6 +98,7 @@ class MotionLayer:
     checkers: dict[Hashable, MujocoCollisionChecker] = field(default_factory=dict, repr=False)
     checks_at_end: bool = False
     is_refuted: bool = False
+    is_in_vain: bool = False
     not_placed: NotPlaced = field(default_factory=NotPlaced)
     candidates: GraspCandidates = field(init=False, repr=False)
     placement_search: PlacementSearch = field(init=False, repr=False)
@@ -258,7 +261,13 @@ class MotionLayer:
         world, state = self.compiled.world(scene), scene.state
         for placement in self.placement_search.holding_at(world, point):
             driven = plan_base(
-                world, state.base, placement.base, state.q, held=scene.held, roadmap=self.workspace.roadmap
+                world,
+                state.base,
+                placement.base,
+                state.q,
+                held=scene.held,
+                roadmap=self.workspace.roadmap,
+                deadline=self.deadline,
             )
             if isinstance(driven, NoPath):
                 continue
@@ -278,19 +287,20 @@ class MotionLayer:
         """
         world, state = self.compiled.world(scene), scene.state
         homing = self._home(scene) if home_first or is_among_objects(world, state) else None
-        q, roadmap = state.q if homing is None else homing.end, self.workspace.roadmap
-        found = plan_base(world, state.base, base, q, held=scene.held, roadmap=roadmap)
+        q = state.q if homing is None else homing.end
+        drive = partial(plan_base, world, state.base, base, roadmap=self.workspace.roadmap, deadline=self.deadline)
+        found = drive(q, held=scene.held)
         if isinstance(found, NoPath) and homing is None and scene.held is None:
             as_open = scene.robot.opening(state.finger_position)  # a wider gripper may collide
-            found = plan_base(world, state.base, base, q, opening=as_open, roadmap=roadmap)
+            found = drive(q, opening=as_open)
         if isinstance(found, NoPath) and homing is None:
             homing = self._home(scene)
             if homing is not None:
-                found = plan_base(world, state.base, base, homing.end, held=scene.held, roadmap=roadmap)
+                found = drive(homing.end, held=scene.held)
         if isinstance(found, NoPath):
             homing = self._raised(scene)  # gripper and load may be as low as the furniture at the goal
             if homing is not None:
-                found = plan_base(world, state.base, base, homing.end, held=scene.held, roadmap=roadmap)
+                found = drive(homing.end, held=scene.held)
         if isinstance(found, NoPath):
             return found
         return self._driven(scene, found, homing)
@@ -298,7 +308,8 @@ class MotionLayer:
     def can_leave(self, scene: Scene, base: Array) -> bool:
         """Whether the base can drive back to where it came from. The object just put down may block the arm."""
         q, roadmap, world = scene.state.q, self.workspace.roadmap, self.compiled.world(scene)
-        if isinstance(plan_base(world, scene.state.base, base, q, roadmap=roadmap), WholeBodyPath):
+        back = plan_base(world, scene.state.base, base, q, roadmap=roadmap, deadline=self.deadline)
+        if isinstance(back, WholeBodyPath):
             return True
         return isinstance(self.drive(scene, base), BoundMotion)
 
@@ -336,7 +347,9 @@ class MotionLayer:
         key = ("pick", grasp.key, world.scene.body(grasp.object).pose.tobytes(), start.tobytes(), rises)
         known, refusal = self.motions.find(key, PickPlaceMotion, world), ""
         for _ in range(_TRIES):
-            motion = known or plan_pick(world, grasp.base, start, grasp.q, grasp.object, rng=self.rng, rises=rises)
+            motion = known or plan_pick(
+                world, grasp.base, start, grasp.q, grasp.object, rng=self.rng, rises=rises, deadline=self.deadline
+            )
             if not isinstance(motion, PickPlaceMotion):
                 return motion
             self.motions.keep(key, motion, scene, motion.paths)
@@ -354,7 +367,7 @@ class MotionLayer:
         if turn is None:
             return NoPath("the other arm is not at home")
         scene, world, start = turn, self.compiled.world(turn), np.concatenate((turn.state.base, turn.state.q))
-        motion = plan_pull(world, grasp.base, start, grasp.q, rng=self.rng)
+        motion = plan_pull(world, grasp.base, start, grasp.q, rng=self.rng, deadline=self.deadline)
         if not isinstance(motion, PullMotion):
             return motion
         refusal = self.refusal(scene, motion.paths[:2]) or self.refusal(motion.after, motion.paths[2:])
@@ -380,7 +393,14 @@ class MotionLayer:
         known, refusal = self.motions.find(key, PickPlaceMotion, world), ""
         for _ in range(_TRIES):
             motion = known or plan_place(
-                world, placement.base, start, placement.q, held, rng=self.rng, find_blockers=find_blockers
+                world,
+                placement.base,
+                start,
+                placement.q,
+                held,
+                rng=self.rng,
+                find_blockers=find_blockers,
+                deadline=self.deadline,
             )
             if not isinstance(motion, PickPlaceMotion):
                 return motion

@@ -43,6 +43,13 @@ def test_proofs_are_confirmed_and_plans_are_not_denied(capsys: pytest.CaptureFix
     assert "| all | 3 | 0 | 0 | 3 | 3 | room 2, order 1 |" in capsys.readouterr().out
 
 
+@pytest.mark.slow
+def test_proofs_of_mugs_and_of_corners_are_confirmed() -> None:
+    kinds = ("mugs", "corner")
+    rows = [goal_proofs.measure(goal_proofs.FIRST_SEED + number, kinds) for number in (8, 1)]
+    assert [(row["proved"], row["no_way"]) for row in rows] == [(True, "order"), (True, "release")]
+
+
 def test_a_bound_above_a_plan_is_too_high(capsys: pytest.CaptureFixture[str]) -> None:
     row = goal_bounds.measure(goal_bounds.FIRST_SEED + 4, budget=10.0)
     assert (row["goal"], row["picks"], row["best"]) == ("away", 2, 2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from assets.robots import FETCH
+from planners.clock import Deadline
 from planners.collision.ground_map import GroundMap
 from planners.collision.world import PADDING, STEP, CollisionWorld
 from planners.motion.base import BaseRoadmap, plan_base
@@ -129,6 +130,33 @@ def test_where_the_base_fits_and_the_robot_does_not_the_answer_holds_for_all_goa
     nothing_reached = BaseRoadmap(roadmap.ground, {(0, 0.0, start.tobytes(), 0.0, 0): (None, np.zeros((0, 3)))})
     assert nothing_reached.excludes(start, np.array([-1.0, -0.4, 0.0]))
     assert not nothing_reached.excludes(start + 0.1, np.array([-1.0, -0.4, 0.0]))
+
+
+@dataclass(frozen=True)
+class OverAfterLooks(Deadline):
+    """A deadline that is over once it has been asked so often."""
+
+    looks: int = 1
+    asked: list[int] = field(default_factory=list)
+
+    @property
+    def is_over(self) -> bool:
+        self.asked.append(1)
+        return len(self.asked) > self.looks
+
+
+@pytest.mark.parametrize("looks", [0, 1, 4])
+def test_a_search_for_a_drive_ends_at_the_deadline_and_nothing_is_concluded_from_it(looks: int) -> None:
+    bar = StaticObstacle("bar", np.array([-1.8, 0.0, 1.1]), np.array([0.05, 0.6, 0.1]))
+    world, start = world_with(*ROOM, bar), np.array([-3.4, 0.5, 1.0])
+    roadmap, deadline = BaseRoadmap(GroundMap(world.scene)), OverAfterLooks(looks=looks)
+    late = plan_base(world, start, BEFORE_THE_TABLE, HOME, roadmap=roadmap, deadline=deadline)
+    assert isinstance(late, NoPath)
+    assert "the time was up" in late.reason
+    assert len(deadline.asked) <= looks + 3, "the search goes on"
+    assert not roadmap.excludes(start, BEFORE_THE_TABLE)
+    assert plan_base(world, start, BEFORE_THE_TABLE, HOME, roadmap=roadmap) is NO_WAY
+    assert roadmap.excludes(start, BEFORE_THE_TABLE)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -54,7 +54,11 @@ def locations_tried(
 
     def recorder(name: str) -> Any:
         def record(
-            _search: PlacementSearch, _world: CollisionWorld, location: NDArray[np.float64], _poses: object
+            _search: PlacementSearch,
+            _world: CollisionWorld,
+            location: NDArray[np.float64],
+            _poses: object,
+            most: int = 0,  # noqa: ARG001  as of the search
         ) -> Iterator[Placement]:
             nonlocal last
             if last != name or not tried[name]:
@@ -211,7 +215,7 @@ def test_under_a_shelf_the_deepest_row_that_the_gripper_reaches_is_filled_first(
     carrying = grasped(scene, workspace.grasps().for_object(scene, "object_00")[0])
 
     def at_the_front(
-        _search: PlacementSearch, world: CollisionWorld, location: NDArray[np.float64], _free: object
+        _search: PlacementSearch, world: CollisionWorld, location: NDArray[np.float64], _free: object, _most: int = 0
     ) -> Iterator[Placement]:
         if location[0] < front:
             body = stand_at(world.scene.body("object_00"), location)
