@@ -727,7 +727,8 @@ def distances(points: Array, body: Body) -> Array:
     if body.shape == "cylinder" and body.is_upright:
         return np.maximum(np.linalg.norm(points - body.position[:2], axis=1) - body.half_extents[0], 0.0)
     if body.shape == "pieces":
-        return np.min([distances_to_polygon(points, piece.outline) for piece in body.placed], axis=0)
+        away = points - body.position[:2]
+        return np.min([distances_to_polygon(away, one) for one in body.piece_outlines], axis=0)
     outline = footprint(body)
     if abs(body.rotation[2, 2]) < _LEVEL:
         return distances_to_polygon(points, outline[ConvexHull(outline).vertices])

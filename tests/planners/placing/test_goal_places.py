@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from planners.goals import At, Goal, Region, at, inside, on
 from planners.hollows import hollow_of
@@ -15,6 +16,7 @@ from planners.placing.goal_places import (
     Place,
     RoomForOthers,
     distances,
+    distances_to_polygon,
     fixed_about,
     in_the_way,
     locations_in,
@@ -26,7 +28,7 @@ from planners.placing.goal_places import (
 )
 from planners.placing.locations import stand_at
 from planners.regions import footprint, overlap
-from planners.scene import Body, Scene, StaticObstacle
+from planners.scene import Body, Scene, StaticObstacle, solid
 from tests.planners.pieces import mug
 from tests.planners.scenes import HEIGHT, UPRIGHT, cylinder, table_scene
 
@@ -265,3 +267,16 @@ def test_room_for_others_is_what_is_found_by_putting_them_there_one_by_one(seed:
     expected = [is_left(point) for point in grid]
     assert [room.is_left(body, point, None) for point in grid] == expected
     assert 0 < sum(expected) < len(grid)
+
+
+def test_outlines_of_pieces_are_computed_once_however_many_locations_are_tried(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    points = np.random.default_rng(0).uniform(-0.2, 0.2, (50, 2))
+    cups = [mug("cup").at((x, 0.0, 0.5)) for x in (0.0, 0.1, 0.2)]
+    cups = [replace(one, pieces=cups[0].pieces) for one in cups]
+    slow = [np.min([distances_to_polygon(points, piece.outline) for piece in one.placed], axis=0) for one in cups]
+    hulls: list[int] = []
+    monkeypatch.setattr(solid, "ConvexHull", lambda corners: hulls.append(len(corners)) or ConvexHull(corners))
+    np.testing.assert_allclose([distances(points, one) for one in cups], slow, atol=1e-12)
+    assert 0 < len(hulls) <= len(cups[0].pieces)
