@@ -15,7 +15,15 @@ from assets.robots import RobotSpec
 from planners.collision.opened import riding
 from planners.contact import StepLabel, contact_of, label_of
 from planners.expert.config import MonitorConfig
-from planners.expert.monitor import Deviation, DeviationKind, Sensor, Snapshot, object_moved, tracking_error
+from planners.expert.monitor import (
+    Deviation,
+    DeviationKind,
+    Sensor,
+    Snapshot,
+    object_moved,
+    tracking_error,
+    turn_between,
+)
 from planners.facts import AJAR, LACKS
 from planners.goals import has_yaw
 from planners.motion.arm import tcp_pose
@@ -295,7 +303,7 @@ class Executor:
         """Whether the object to grasp has turned since the plan, or it or a neighbour is perceived elsewhere."""
         planned = {body.name: body.position for body in self._present.scene.objects}
         body = self._present.scene.body(self._present.target)
-        turned = math.remainder(now.yaws[self._names.index(body.name)] - body.yaw, 2 * math.pi)
+        turned = turn_between(body.quaternion, now.quaternions[self._names.index(body.name)])
         target = body.position
         return (has_yaw(body) and abs(turned) > self._config.turn) or any(
             np.linalg.norm(seen - planned[name]) > self._config.aim

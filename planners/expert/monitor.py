@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -58,14 +59,15 @@ class Deviation:
 class Snapshot(NamedTuple):
     """Measurements of one control step.
 
-    Objects: `positions` (n, 3) [m] of their centres, `uprightness` (n,) cosines of their tilts, `yaws` (n,) [rad].
+    Objects: `positions` (n, 3) [m] of their centres, `uprightness` (n,) cosines of their tilts, `quaternions`
+    (n, 4) wxyz.
     Robot: `T_world_tcp` (4, 4), `drive` (11,) whole-body configuration [m, rad]. `openings`: positions [m] or [rad] by
     the names of drawers and doors.
     """
 
     positions: Array
     uprightness: Array
-    yaws: Array
+    quaternions: Array
     T_world_tcp: Array
     drive: Array
     openings: Mapping[str, float] = MappingProxyType({})
@@ -97,10 +99,18 @@ class Sensor:
         positions, quaternions = self._objects.poses(self._data)
         positions -= self._ground
         T = pose_matrix(self._data.site_xpos[self._site] - self._ground, self._data.site_xmat[self._site])
-        w, x, y, z = quaternions.T
-        yaws = np.arctan2(2 * (x * y + w * z), 1 - 2 * (y**2 + z**2))
+        _, x, y, _ = quaternions.T
         openings = {name: float(self._data.qpos[at]) for name, at in self._openings.items()}
-        return Snapshot(positions, 1 - 2 * (x**2 + y**2), yaws, T, self._joints.read(self._data), openings)
+        return Snapshot(positions, 1 - 2 * (x**2 + y**2), quaternions, T, self._joints.read(self._data), openings)
+
+
+def turn_between(before: Array, after: Array) -> float:
+    """Turn [rad] about the vertical from one orientation to another, quaternions (4,) wxyz.
+
+    Unlike a difference of yaws, it is also defined for what lies with its own x axis upright.
+    """
+    w, x, y, z = before
+    return 2.0 * math.remainder(math.atan2(after @ (-z, -y, x, w), after @ (w, x, y, z)), math.pi)
 
 
 def object_moved(

@@ -46,6 +46,8 @@ _WALL = 0.001
 _TURNS = np.arange(36) * (2 * np.pi / 36)
 _AROUND = np.column_stack((np.cos(_TURNS), np.sin(_TURNS)))
 """Unit vectors (36, 2) all around."""
+_TURN_MATRICES = np.stack((_AROUND, np.column_stack((-_AROUND[:, 1], _AROUND[:, 0]))), axis=1)
+"""Matrices (36, 2, 2): points (n, 2) times one of them are turned by its angle."""
 _NEAR = 1.5
 """Range [m] around the robot in which a larger face is searched, along each of its sides."""
 _ABOUT, _REACH_ABOVE = 0.12, 0.5
@@ -129,10 +131,17 @@ def _hollow_for(scene: Scene, fact: On | Inside) -> Hollow | None:
 
 
 def _fits_into(body: Body, hollow: Hollow) -> bool:
-    """Whether an object in the middle of a hollow lies within its mouth, in some yaw and resting orientation."""
-    middle = np.append(hollow.area.centre, hollow.floor)
-    placed = (stand_at(way, middle, turn) for way in resting_ways(body) for turn in _TURNS)
-    return any(bool((distances_to_polygon(footprint(one), hollow.mouth) == 0.0).all()) for one in placed)
+    """Whether an object in the middle of a hollow lies within its mouth, in some yaw and resting orientation.
+
+    Its footprint is turned, and not the object: a bowl has dozens of pieces.
+    """
+    for way in resting_ways(body):
+        there = stand_at(way, np.append(hollow.area.centre, hollow.floor), 0.0)
+        outline = footprint(there) - hollow.area.centre
+        turned = outline @ _TURN_MATRICES + hollow.area.centre
+        if any(bool((distances_to_polygon(one, hollow.mouth) == 0.0).all()) for one in turned):
+            return True
+    return False
 
 
 @lru_cache(maxsize=64)
@@ -727,7 +736,8 @@ def distances(points: Array, body: Body) -> Array:
     if body.shape == "cylinder" and body.is_upright:
         return np.maximum(np.linalg.norm(points - body.position[:2], axis=1) - body.half_extents[0], 0.0)
     if body.shape == "pieces":
-        return np.min([distances_to_polygon(points, piece.outline) for piece in body.placed], axis=0)
+        away = points - body.position[:2]
+        return np.min([distances_to_polygon(away, one) for one in body.piece_outlines], axis=0)
     outline = footprint(body)
     if abs(body.rotation[2, 2]) < _LEVEL:
         return distances_to_polygon(points, outline[ConvexHull(outline).vertices])

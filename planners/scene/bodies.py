@@ -148,6 +148,14 @@ class Body:
         return np.asarray(points[ConvexHull(points).vertices])
 
     @property
+    def piece_outlines(self) -> tuple[Array, ...]:
+        """Corners (k, 2) [m] of each solid seen from above, relative to `position`, as in `Solid.outline`.
+
+        They are computed once for each orientation: an object is tried at many locations.
+        """
+        return _seen_from_above(self.solids, self.rotation.tobytes())[0]
+
+    @property
     def resting_directions(self) -> Array:
         """Directions (k, 3) in its own frame that may point up when it rests on a level plane. A cylinder only
         stands."""
@@ -201,7 +209,7 @@ class Body:
                 return math.hypot(half, radius)
             return float(lying * half + standing * radius)
         if self.shape == "pieces":
-            return float(np.linalg.norm(self.corners[:, :2] - self.position[:2], axis=1).max())
+            return _seen_from_above(self.pieces, self.rotation.tobytes())[1]
         corners = (BOX_CORNERS * self.half_extents) @ self.rotation.T
         return float(np.hypot(corners[:, 0], corners[:, 1]).max())
 
@@ -373,6 +381,15 @@ def _resting_axes(body: Body, rotation: Array) -> Iterator[Array]:
     for axis in axes:
         if abs(axis[1]) < math.sin(UPRIGHT_TILT) and math.hypot(axis[0], axis[2]) > math.sin(UPRIGHT_TILT):
             yield axis
+
+
+@lru_cache(maxsize=512)
+def _seen_from_above(pieces: tuple[Solid, ...], rotation: bytes) -> tuple[tuple[Array, ...], float]:
+    """Outlines of pieces, and the radius [m] of all, about the origin of their body. `rotation` holds R_world_body."""
+    R = np.frombuffer(rotation).reshape(3, 3)
+    placed = [piece.moved(R, np.zeros(3)) for piece in pieces]
+    corners = np.concatenate([piece.corners for piece in placed])
+    return tuple(piece.outline for piece in placed), float(np.linalg.norm(corners[:, :2], axis=1).max())
 
 
 @lru_cache(maxsize=4096)

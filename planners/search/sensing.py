@@ -149,7 +149,7 @@ class BelievedSensor:
         return Snapshot(
             np.array([body.position for body in bodies]).reshape(-1, 3),
             np.array([body.rotation[2, 2] for body in bodies]),
-            np.array([body.yaw for body in bodies]),
+            np.array([body.quaternion for body in bodies]).reshape(-1, 4),
             self._reading.T_world_tcp,
             self._reading.drive,
             dict(there),
