@@ -19,7 +19,7 @@ _DIRECTIONS = 24
 """Yaws of the gripper, evenly about the vertical, as in a canonical plan."""
 _TURNS = tuple(math.radians(degrees) for degrees in (0, -20, 20, -40, 40, -60, 60))
 """[rad] of the gripper's yaw against the base's."""
-_WIDEST_YAW = math.radians(80.0)
+_WIDEST_YAW = math.radians(79.0)
 """[rad] of the base at most: the table has access from its front alone."""
 _SPACING, _MARGIN = 0.05, 0.045
 """[m] between cells of the table, and from the outermost ones to its edge at least, as in a canonical plan."""

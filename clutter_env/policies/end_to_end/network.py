@@ -12,6 +12,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import torch
@@ -113,7 +114,7 @@ class EndToEndNetwork(nn.Module):
 
     def __init__(self, width: int = 64) -> None:
         super().__init__()
-        self.register_buffer("directions", torch.tensor(DIRECTIONS, dtype=torch.float32))
+        self.register_buffer("directions", torch.tensor(DIRECTIONS, dtype=torch.float32), persistent=False)
         self.reach, self.preference = _layers(_OWN, width, width, 1), _layers(_OWN, width, width, 1)
         self.anchor, self.other = nn.Linear(_OWN, width), nn.Linear(_PAIR, width)
         self.blocks = nn.Sequential(nn.SiLU(), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, 1))
@@ -288,7 +289,7 @@ def own_features(own: torch.Tensor, yaws: torch.Tensor, is_place: bool) -> torch
 
 
 def pair_features(own: torch.Tensor, yaws: torch.Tensor, others: torch.Tensor) -> torch.Tensor:
-    """(..., n, 18) Other objects (..., n, 5) in the frames of gripper and base at an object (..., 5), and their sizes."""
+    """(..., n, 18) Other objects (..., n, 5) in the frames of gripper and base at an object (..., 5), and sizes."""
     offset = others[..., :2] - own[..., None, :2]
     ahead, aside = _turned(offset, yaws[..., 0])
     before, beside = _turned(offset, yaws[..., 1])
@@ -335,6 +336,6 @@ def _turned(offset: torch.Tensor, yaw: torch.Tensor) -> tuple[torch.Tensor, torc
 
 def _layers(*sizes: int) -> nn.Sequential:
     layers: list[nn.Module] = []
-    for here, there in zip(sizes[:-1], sizes[1:], strict=True):
+    for here, there in pairwise(sizes):
         layers += [nn.Linear(here, there), nn.SiLU()]
     return nn.Sequential(*layers[:-1])

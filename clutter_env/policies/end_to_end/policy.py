@@ -1,4 +1,4 @@
-"""The end-to-end policy: at the end of each motion its network says where to go next, and a fixed controller goes there.
+"""The end-to-end policy: after each motion its network says where to go next, and a fixed controller goes there.
 
 Its only inputs are observations and its own last decision. It has no planner, no inverse map and no model of contacts.
 """
@@ -33,6 +33,7 @@ from clutter_env.policies.end_to_end.network import (
     pair_features,
     situation_features,
 )
+from clutter_env.policies.motion.control import stay
 from clutter_env.policies.parsed_observation import Observation, ParsedObservation, parse_observation, planar_pose
 from clutter_env.policies.protocol import SKILLS, PublicInfo
 from clutter_env.policies.weights import WeightsInfo, load_weights
@@ -133,7 +134,7 @@ class EndToEndPolicy:
         if self._controller.is_over:
             self._decide(seen)
         if self._anchor is None:
-            return np.append(np.zeros(11), 1.0)
+            return stay(self._robot, seen)
         return self._controller.act(seen)
 
     def _decide(self, seen: ParsedObservation) -> None:
@@ -145,7 +146,7 @@ class EndToEndPolicy:
         with torch.no_grad():
             self._has_failed |= self._controller.has_stopped
             phase = self._next_phase(objects)
-            if phase == "drive":
+            if phase == "drive" or self._anchor is None:
                 self._anchor = self._choose(objects)
             if self._anchor is None or len(self.decisions) >= _MOST_DECISIONS:
                 self.failure = "nothing is left to choose" if self._anchor is None else "too many keyframes"

@@ -10,8 +10,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields
-from itertools import count
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Self
 
@@ -31,7 +30,18 @@ from clutter_env.scene.layout import TABLE_HEIGHT, Layout
 from clutter_env.seeds import training_seeds
 from clutter_env.training.end_to_end.right_choices import right_objects
 from clutter_env.training.grasp_labels import label
-from planners import BoundAction, Contact, Planner, RobotState, Scene, SceneError, Solution, contact_of, stand_at, tcp_pose
+from planners import (
+    BoundAction,
+    Contact,
+    Planner,
+    RobotState,
+    Scene,
+    SceneError,
+    Solution,
+    contact_of,
+    stand_at,
+    tcp_pose,
+)
 
 Array = NDArray[np.float64]
 
@@ -56,6 +66,8 @@ _PLACE_TURN, _PLACE_YAW = 0.4, 1.1
 """[rad] of gripper against base, and of the gripper, in labelled places at most."""
 _STRAIGHT = 0.05
 """[m], [rad] by which a motion may be off the straight joint line; others cannot be followed by keyframes alone."""
+_JOINT_LINES = ("drive", "transit")
+"""Phases whose motion the controller makes a straight joint line."""
 _SAMPLES = 12
 """Of a motion, to see whether it is straight."""
 
@@ -370,9 +382,7 @@ class Collector:
             if end - phase.start < 1e-9:
                 continue
             here, there = trajectory.sample(phase.start), trajectory.sample(end)
-            T_here, T_there = (
-                tcp_pose(robot, RobotState(one.base, one.q, one.finger_position)) for one in (here, there)
-            )
+            T_there = tcp_pose(robot, RobotState(there.base, there.q, there.finger_position))
             in_hand = T_tcp_object[:3, 3] if held >= 0 else np.zeros(3)
             number = PHASES.index(phase.name)
             self._rows["keyframes"].append(
@@ -381,7 +391,7 @@ class Collector:
                     *(self._was_place, at.index, at.own, at.yaws.astype(np.float32), at.is_place),
                     *(here.base.astype(np.float32), in_hand.astype(np.float32)),
                     self._keyframe(at, there.base, T_there, nearest_home(robot, there.q), there.finger_position),
-                    _is_straight(trajectory, phase.start, end),
+                    phase.name not in _JOINT_LINES or _is_straight(trajectory, phase.start, end),
                 )
             )
             self._last, self._was_place = number, at.is_place

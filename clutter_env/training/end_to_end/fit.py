@@ -125,7 +125,9 @@ class _Parts:
             rows = rng.integers(len(labels.seed), size=_ALL_PLACES)
             return total + self._reach_loss(_labelled(labels, rows, is_mirrored), True)
 
-        return chain(*(part.parameters() for part in (network.reach, network.anchor, network.other, network.blocks))), loss
+        return chain(
+            *(part.parameters() for part in (network.reach, network.anchor, network.other, network.blocks))
+        ), loss
 
     def _in_way_loss(self, some: _Contacts, is_place: bool) -> torch.Tensor:
         """Of what is in the way of contacts: object by object, and whether it is anything at all."""
@@ -257,7 +259,7 @@ _Part = tuple[Iterable[nn.Parameter], Callable[[int], torch.Tensor]]
 
 @dataclass(frozen=True, eq=False)
 class _Contacts:
-    """m labelled contacts: own (m, 5), yaws (m, 2), others (m, n, 5), is_there (m, n), blockers (m, n), is_reached (m,)."""
+    """m labelled contacts: own (m, 5), yaws (m, 2), others (m, n, 5), is_there and blockers (m, n), is_reached (m,)."""
 
     own: torch.Tensor
     yaws: torch.Tensor
@@ -371,11 +373,16 @@ def recoveries() -> Index:
                 rules.append((PHASES.index(last), is_held, 0, gave_up, was_place, PHASES.index(after)))
     first = (NO_PHASE, 0, 0, 0, 0, PHASES.index("drive"))
     target = [("close", "lift"), ("lift", "retreat"), ("retreat", "retreat")]
-    rules += [(PHASES.index(last), 1, 1, gave_up, 0, PHASES.index(after)) for last, after in target for gave_up in (0, 1)]
+    rules += [
+        (PHASES.index(last), 1, 1, gave_up, 0, PHASES.index(after)) for last, after in target for gave_up in (0, 1)
+    ]
     # Short of the contact the gripper goes back, else it closes or opens.
     ends = [("approach", 0, 0, 0, "close"), ("approach", 0, 1, 0, "lift")]
     ends += [("lower", 1, 0, 1, "open"), ("lower", 1, 1, 1, "rise")]
-    often = [first, *((PHASES.index(a), held, 0, gave_up, place, PHASES.index(b)) for a, held, gave_up, place, b in ends)]
+    often = [
+        first,
+        *((PHASES.index(a), held, 0, gave_up, place, PHASES.index(b)) for a, held, gave_up, place, b in ends),
+    ]
     return np.array(rules + 4 * often)
 
 

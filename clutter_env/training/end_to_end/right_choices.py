@@ -1,4 +1,4 @@
-"""Which objects may be picked next: all that begin a shortest sequence of clearances, by a table of what is in the way."""
+"""Which objects may be picked next: all that begin a shortest sequence of clearances, by what is in the way."""
 
 from __future__ import annotations
 
