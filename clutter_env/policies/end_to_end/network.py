@@ -35,14 +35,19 @@ _GRASPS = 12
 """Most needed grasps that a place is compared with."""
 NO_PHASE = len(PHASES)
 """Number of the phase before the first one."""
+_LEAST_COSINE = 0.15
+"""Of the base's yaw; directions have a larger one."""
 MODES = 4
 """Keyframes in a mixture."""
 BASE, TCP, ARM, FINGER = slice(0, 3), slice(3, 6), slice(6, 14), slice(14, 15)
 """Parts of a keyframe: base along, aside and turned from its nominal pose behind the anchor; TCP in the anchor's frame;
 torso and arm from the configuration straight ahead; position of a finger."""
 KEYFRAME_SIZE = 15
+"""Numbers of a keyframe."""
 NOMINAL_DISTANCE = 0.85
 """[m] from the base to the anchor along the base's heading."""
+_SURE = 0.9995
+"""Probability from which on something is in the way for certain."""
 ABSENT = -30.0
 """Logit of what cannot be."""
 
@@ -96,13 +101,13 @@ class Places(NamedTuple):
 
     Attributes:
         placed: (b, k, 5) the object as it would stand there.
-        in_way: (b, k) expected number of objects in the way.
+        free: (b, k) logarithm of the probability that nothing is in the way.
         reach: (b, k) logits that the cell is reached.
         spoils: (b, k) needed grasps that the object would be in the way of.
     """
 
     placed: torch.Tensor
-    in_way: torch.Tensor
+    free: torch.Tensor
     reach: torch.Tensor
     spoils: torch.Tensor
 
@@ -120,11 +125,12 @@ class EndToEndNetwork(nn.Module):
         self.blocks = nn.Sequential(nn.SiLU(), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, 1))
         self.crowding = _layers(_PAIR, 16, 1)
         self.graph = nn.Parameter(torch.tensor((1.0, 0.0, 0.0, 0.0)))  # see `needs`
-        self.choice = nn.Parameter(torch.tensor((1.0, 2.0, 1.0)))
+        self.choice = nn.Parameter(torch.tensor((1.0, 1.0, 1.0)))
         self.object = _layers(5, 32, 32, 1)
         self.place = nn.Parameter(torch.tensor((1.0, 1.0, 1.0)))
         self.place_own = _layers(7, width, width, 1)
         self.phase = _layers(len(PHASES) + 1 + 4, 64, 64, len(PHASES))
+        self.stand = _layers(_OWN + 2, 96, 96, 3)
         self.context = nn.Sequential(nn.Linear(_PAIR, width), nn.SiLU(), nn.Linear(width, 32))
         self.keyframe = _layers(_SITUATION + len(PHASES) + 32, 128, 128, MODES * (KEYFRAME_SIZE + 1))
 
@@ -187,7 +193,7 @@ class EndToEndNetwork(nn.Module):
         logits = (
             self.object(of_object)
             - own * found.preference
-            - 4 * blocked * tables.blocks.sum(dim=3)
+            + blocked * log_free(tables.blocks)
             - reach * functional.softplus(-4 * tables.reach)
         )
         return torch.where(scenes.can_be_taken[..., None], logits, logits.new_tensor(ABSENT)), found
@@ -204,7 +210,7 @@ class EndToEndNetwork(nn.Module):
         in_way = torch.sigmoid(self.in_way(placed, ahead, True, others)) * scenes.is_there[:, None]
         return Places(
             placed=placed,
-            in_way=in_way.sum(dim=2),
+            free=log_free(in_way),
             reach=self.reached(placed, ahead, True),
             spoils=self._spoils(scenes, found, placed),
         )
@@ -221,7 +227,7 @@ class EndToEndNetwork(nn.Module):
         blocked, reach, spoiled = functional.softplus(self.place)
         logits: torch.Tensor = (
             self.place_own(torch.cat(own, dim=-1))[..., 0]
-            - 4 * blocked * places.in_way
+            + blocked * places.free
             - reach * functional.softplus(-4 * places.reach)
             - 4 * spoiled * places.spoils
             - close
@@ -251,10 +257,24 @@ class EndToEndNetwork(nn.Module):
         logits: torch.Tensor = self.phase(torch.cat((functional.one_hot(last, len(PHASES) + 1).float(), state), dim=1))
         return logits
 
+    def stands(self, own: torch.Tensor, yaws: torch.Tensor) -> torch.Tensor:
+        """(b, 3) Where the base stands at an anchor: the part `BASE` of a keyframe.
+
+        Args:
+            own: (b, 5) the object as it stands at the contact.
+            yaws: (b, 2) [rad] of gripper and base there.
+        """
+        cosine = torch.cos(yaws[..., 1]).clamp(min=_LEAST_COSINE)
+        line = torch.stack((3 * own[..., 0] / cosine, torch.tanh(10 * own[..., 0] / cosine)), dim=-1)
+        found: torch.Tensor = self.stand(torch.cat((own_features(own, yaws, False), line), dim=-1)) * UNITS[BASE]
+        # Along the world's x, since bases stand along the front of the table.
+        along = (NOMINAL_DISTANCE + found[..., 0]) / cosine - NOMINAL_DISTANCE
+        return torch.cat((along[..., None], found[..., 1:]), dim=-1)
+
     def keyframes(
         self, phase: torch.Tensor, situation: torch.Tensor, pairs: torch.Tensor, is_there: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Logits (b, m) and keyframes (b, m, 15) of a mixture.
+        """Logits (b, m) and keyframes (b, m, 15) of a mixture. Their part `BASE` is that of `stands`.
 
         Args:
             phase: (b,) number of the phase.
@@ -270,6 +290,11 @@ class EndToEndNetwork(nn.Module):
 
 UNITS = torch.tensor((0.1, 0.1, 0.1, *(0.1,) * 3, 0.1, *(0.5,) * 7, 0.02))
 """[m], [rad] of each number of a keyframe that is one unit of an output."""
+
+
+def log_free(blocks: torch.Tensor) -> torch.Tensor:
+    """(...) Logarithm of the probability that none of n objects is in the way, of probabilities (..., n) for each."""
+    return torch.log1p(-blocks.clamp(max=_SURE)).sum(dim=-1)
 
 
 def own_features(own: torch.Tensor, yaws: torch.Tensor, is_place: bool) -> torch.Tensor:

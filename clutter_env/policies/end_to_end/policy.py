@@ -23,7 +23,6 @@ from clutter_env.policies.end_to_end.controller import PHASES, Controller, Keyfr
 from clutter_env.policies.end_to_end.network import (
     ABSENT,
     ARM,
-    BASE,
     FINGER,
     NO_PHASE,
     NOMINAL_DISTANCE,
@@ -211,7 +210,7 @@ class EndToEndPolicy:
         position = anchor.own[:3].astype(float)
         tcp = planar_pose(np.array((0.0, 0.0, yaw)))
         tcp[:3, 3] = position + tcp[:3, :3] @ best[TCP]
-        along, aside, turn = best[BASE]
+        along, aside, turn = self._network.stands(own, yaws)[0].numpy().astype(float)
         facing = planar_pose(np.array((0.0, 0.0, heading)))[:2, :2]
         base = position[:2] - facing @ (along + NOMINAL_DISTANCE, aside)
         finger = min(max(float(best[FINGER][0]), 0.0), self._robot.max_finger_position)

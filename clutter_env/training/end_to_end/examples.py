@@ -49,12 +49,12 @@ _log = logging.getLogger(__name__)
 
 MOST_OBJECTS = 25
 """Rows of objects in the examples; the network itself takes any number."""
-_COUNTS = ((15, True), (15, True), (15, True), (25, True), (10, True), (5, True), (20, True), (15, True), (1, False))
-_COUNTS += ((15, False),)
+_COUNTS = ((15, True), (15, True), (25, True), (10, True), (5, True), (20, True), (15, True), (1, False), (15, False))
+_COUNTS += ((15, True),)
 """Numbers of objects, and whether the target is obstructed, in turn."""
 _PER_FILE = 40
 """Plans in a file of examples."""
-_FIRST_SEED, _SEEDS_OF_A_FILE = 600_000, 1000
+_FIRST_SEED, _SEEDS_OF_A_FILE = 600_001, 1000
 """First seed of the scenes, and seeds of a file."""
 _EXACT = 0.03
 """[rad] by which a contact may be off its nearest direction."""

@@ -14,8 +14,8 @@ from torch import nn
 from torch.nn import functional
 
 from clutter_env.errors import LearningError
-from clutter_env.policies.end_to_end.anchors import DIRECTIONS
-from clutter_env.policies.end_to_end.controller import FINGERS, PHASES
+from clutter_env.policies.end_to_end.anchors import DIRECTIONS, nearest_direction
+from clutter_env.policies.end_to_end.controller import FINGERS, LINES, PHASES
 from clutter_env.policies.end_to_end.network import (
     ARM,
     BASE,
@@ -47,10 +47,18 @@ _RATES = {"tables": 3e-3, "pointer": 5e-3, "places": 5e-3, "keyframes": 2e-3}
 """Highest learning rates."""
 _WARM_UP = 50
 """Steps in which the learning rate rises."""
-_BASE_NOISE, _HAND_NOISE = (0.006, 0.006, 0.008), 0.001
+_BASE_NOISE, _HAND_NOISE = (0.006, 0.006, 0.008), 0.01
 """[m], [rad] of noise on where the robot stands and how it holds an object: motions are not exact."""
 _SCALES = torch.tensor((*(0.02,) * 3, *(0.004,) * 3, 0.05, *(0.1,) * 7, 0.002))
 """[m], [rad] Errors of a keyframe that count equally."""
+_RAISE = 0.015
+"""[m] by which objects are taken higher than in plans: the wrist of a level gripper is hardly above the table."""
+_ODD = (0, 1, 1, 0, 1, 0, 0, 1, 0, 1, 0, 1, 0, 1, 0)
+"""Numbers of a keyframe that have the other sign in its mirror image: offsets to the side, rolls and the pan."""
+_EXACT = 0.01
+"""[rad] by which yaws may be off a direction."""
+_STANDS, _STAND_SCALE, _MOST_OFF = 96, 0.01, 20.0
+"""Drives in a step; [m], [rad] and multiples of it that errors of where the base stands are counted in, and at most."""
 _REFERENCE = 0.3
 """Weight of the arm configuration where it is only the reference of inverse kinematics."""
 
@@ -153,13 +161,15 @@ class _Parts:
         parts = (network.preference, network.object)
 
         def loss(step: int) -> torch.Tensor:
-            is_mirrored, rows = bool(step % 2), rng.choice(usable, _POINTERS)
-            some = Tables(tables.reach[rows], tables.blocks[rows].float())
+            is_mirrored, size = bool(step % 2), int(picks.size[rng.choice(usable)])
+            rows = rng.choice(usable[picks.size[usable] == size], _POINTERS)  # of one size, without absent objects
+            some = Tables(tables.reach[rows, :size], tables.blocks[rows, :size, :, :size].float())
             if is_mirrored:  # the mirrored table, as its examples were mirrored too
                 some = Tables(*(part[:, :, self._mirrored_direction] for part in some))
-            logits, _ = network.point(_scenes(picks, rows, nothing, is_mirrored), some)
+            scenes = Scenes(*(part[:, :size] for part in _scenes(picks, rows, nothing, is_mirrored)))
+            logits, _ = network.point(scenes, some)
             shares = torch.log_softmax(logits.flatten(1), dim=1).reshape(logits.shape)
-            is_right, direction = torch.from_numpy(right[rows]), torch.from_numpy(picks.direction[rows])
+            is_right, direction = torch.from_numpy(right[rows, :size]), torch.from_numpy(picks.direction[rows])
             if is_mirrored:
                 is_right = is_right[..., self._mirrored_direction]
                 direction = torch.where(direction >= 0, self._mirrored_direction[direction], direction)
@@ -186,8 +196,8 @@ class _Parts:
                 before, cell = before * torch.tensor((1.0, -1.0)), self._mirrored_cell[cell]
             some = Places(*(part[rows] for part in judged))
             if is_mirrored:
-                in_way, reach, spoils = (part[:, self._mirrored_cell] for part in some[1:])
-                some = Places(some.placed, in_way, reach, spoils)
+                free, reach, spoils = (part[:, self._mirrored_cell] for part in some[1:])
+                some = Places(some.placed, free, reach, spoils)
             logits = network.place_logits(_scenes(places, rows, places.held, is_mirrored), some, before)
             assert logits.shape[1] == len(cells)
             return functional.cross_entropy(logits, cell)
@@ -199,23 +209,41 @@ class _Parts:
         network, rng, rows = self._network, self._rng, self._examples.keyframes
         usable, counts, weights = np.flatnonzero(rows.is_straight), phase_weights(), _keyframe_weights()
         shares = np.cumsum(counts[rows.phase[usable]]) / counts[rows.phase[usable]].sum()
-        rules = recoveries()
-        parts = (network.phase, network.context, network.keyframe)
+        rules, at_contact = recoveries(), [PHASES.index(phase) for phase in ("transit", *LINES)]
+        # A plan's base may also stand as no direction has it.
+        near = np.array([nearest_direction(*yaws)[1] < _EXACT for yaws in rows.yaws.astype(float)])
+        drives = np.flatnonzero((rows.phase == PHASES.index("drive")) & near)
+        parts = (network.phase, network.context, network.keyframe, network.stand)
 
-        def loss(_: int) -> torch.Tensor:
+        def loss(step: int) -> torch.Tensor:
             some = usable[np.searchsorted(shares, rng.random(_KEYFRAMES)).clip(max=len(usable) - 1)]
             phase = torch.from_numpy(rows.phase[some])
             own, yaws, objects = (torch.from_numpy(part[some]) for part in (rows.own, rows.yaws, rows.objects))
             base, in_hand = (torch.from_numpy(part[some]) for part in (rows.base, rows.in_hand))
             base = base + torch.randn(base.shape) * torch.tensor(_BASE_NOISE)
-            in_hand = in_hand + torch.randn(in_hand.shape) * _HAND_NOISE
+            shift = torch.randn(in_hand.shape) * _HAND_NOISE * torch.from_numpy(rows.held[some] >= 0)[:, None]
+            in_hand = in_hand + shift
             situation = situation_features(own, yaws, torch.from_numpy(rows.is_place[some]), base, in_hand)
             each = np.arange(objects.shape[1])
             is_there = (each < rows.size[some, None]) & (each != rows.index[some, None])
+            keyframe = torch.from_numpy(rows.keyframe[some])
+            is_grasp = torch.from_numpy((rows.phase[some] == PHASES.index("approach")) & ~rows.is_place[some])
+            keyframe[:, TCP.stop - 1] += _RAISE * is_grasp
+            keyframe[:, TCP] -= shift * torch.from_numpy(rows.is_place[some])[:, None]  # held lower, put down higher
+            if step % 2:  # the tucked arm of drives and retreats has no mirror image
+                sides = torch.from_numpy(np.where(np.isin(rows.phase[some], at_contact), -1.0, 1.0)).float()[:, None]
+                own, objects = _with_side(own, sides), _with_side(objects, sides[:, None])
+                yaws, base, in_hand = (
+                    yaws * sides,
+                    base * _side_of((0, 1, 1), sides),
+                    in_hand * _side_of((0, 1, 0), sides),
+                )
+                keyframe = keyframe * _side_of(_ODD, sides)
+                situation = situation_features(own, yaws, torch.from_numpy(rows.is_place[some]), base, in_hand)
             modes, found = network.keyframes(
                 phase, situation, pair_features(own, yaws, objects), torch.from_numpy(is_there)
             )
-            off = (found - torch.from_numpy(rows.keyframe[some])[:, None]).abs() / _SCALES * weights[phase][:, None]
+            off = (found - keyframe[:, None]).abs() / _SCALES * weights[phase][:, None]
             of_keyframe = torch.logsumexp(torch.log_softmax(modes, dim=1) - off.sum(dim=2), dim=1).mean()
             states = np.stack(
                 (rows.held >= 0, rows.held == rows.target, np.zeros(len(rows.held), np.bool_), rows.was_place), axis=1
@@ -225,10 +253,19 @@ class _Parts:
             after = network.phase_logits(
                 torch.from_numpy(drawn[:, 0]), torch.tensor(drawn[:, 1:5], dtype=torch.float32)
             )
-            of_phase = functional.cross_entropy(shown, phase)
+            of_phase = functional.cross_entropy(shown, phase) + self._stand_loss(rng.choice(drives, _STANDS), step)
             return of_phase + functional.cross_entropy(after, torch.from_numpy(drawn[:, 5])) - of_keyframe
 
         return chain(*(part.parameters() for part in parts)), loss
+
+    def _stand_loss(self, some: Index, step: int) -> torch.Tensor:
+        """Of where the base stands, for keyframes of drives."""
+        rows, sides = self._examples.keyframes, torch.full((len(some), 1), -1.0 if step % 2 else 1.0)
+        own, yaws, keyframe = (torch.from_numpy(part[some]) for part in (rows.own, rows.yaws, rows.keyframe))
+        found = self._network.stands(_with_side(own, sides), yaws * sides)
+        off = (found - keyframe[:, BASE] * _side_of((0, 1, 1), sides)).abs() / _STAND_SCALE
+        off = torch.cat((off[:, :1] * torch.cos(yaws[:, 1:]).abs(), off[:, 1:]), dim=1)  # towards the table
+        return off.clamp(max=_MOST_OFF).sum(dim=1).mean()
 
     def _tables(self, examples: PickExamples | PlaceExamples, held: Index) -> Tables:
         """The network's tables of all scenes, in half precision, 0 for absent objects."""
@@ -252,6 +289,16 @@ class _Parts:
                 needs = network.needs(scenes, Tables(tables.reach[rows], tables.blocks[rows].float()))
                 found.append(network.judge_places(scenes, needs, torch.from_numpy(places.own[rows]), self._cells))
         return Places(*(torch.cat(part) for part in zip(*found, strict=True)))
+
+
+def _with_side(objects: torch.Tensor, sides: torch.Tensor) -> torch.Tensor:
+    """Objects (..., 5), mirrored left to right where the side (..., 1) is -1."""
+    return objects * _side_of((0, 1, 0, 0, 0), sides)
+
+
+def _side_of(odd: Sequence[int], sides: torch.Tensor) -> torch.Tensor:
+    """Factors (..., k) of numbers of which the odd ones change their sign where the side (..., 1) is -1."""
+    return torch.where(torch.tensor(odd) > 0, sides, torch.ones_like(sides))
 
 
 _Part = tuple[Iterable[nn.Parameter], Callable[[int], torch.Tensor]]
@@ -344,9 +391,7 @@ def _keyframe_weights() -> torch.Tensor:
     for number, phase in enumerate(PHASES):
         if phase in FINGERS:
             weights[number, FINGER] = 1.0
-        elif phase == "drive":
-            weights[number, BASE], weights[number, ARM] = 1.0, _REFERENCE
-        elif phase == "retreat":
+        elif phase in ("drive", "retreat"):
             weights[number, ARM] = 1.0
         else:
             weights[number, TCP] = 1.0
