@@ -2,7 +2,7 @@
 
     clutter-env train tqc --env clutter_env/ArmReach-v0 --steps 20000
     clutter-env train maskable-ppo --env clutter_env/Skill-o10-v0 --steps 30000 --seeds 3 --workers 2
-    clutter-env train end-to-end --scenes 800
+    clutter-env train end-to-end --scenes 440
 
 SAC and TQC take some 30 ms a step, end-to-end 0.7 s a scene and some five minutes. Learners from rewards write
 checkpoints and TensorBoard logs. Without --out a run is written to a directory of its own under outputs/runs.
@@ -72,7 +72,7 @@ class Arguments:
     Held-out scenes are played without."""
     feasibility: Literal["oracle", "none", ""] = ""
     """Whether Skill refuses skills without a free grasp, or tries them all the same."""
-    scenes: int = 800
+    scenes: int = 440
     """Plans that end-to-end learns from, one a scene."""
     resume: bool = False
     """Go on from the last checkpoint; all settings but --steps and --checkpoint-every must be the same."""

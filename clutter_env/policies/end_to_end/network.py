@@ -22,14 +22,14 @@ from torch.nn import functional
 from clutter_env.policies.end_to_end.anchors import DIRECTIONS
 from clutter_env.policies.end_to_end.controller import PHASES
 
-_OWN, _PAIR, _SITUATION = 15, 18, 24
-_NEAR = (5.0, 20.0)
+_OWN, _PAIR, _SITUATION = 15, 22, 24
+_NEAR = (5.0, 20.0, 60.0)
 """[1/m] of the squashed copies of offsets."""
 _MIDDLE_RADIUS, _MIDDLE_HEIGHT, _TABLE_HEIGHT = 0.03, 0.16, 0.75
 """[m] of usual objects and of the table, subtracted so that features are about zero."""
 _ROUNDS = 6
 """Of messages: a chain of clearances is hardly ever longer."""
-_FAR, _LEAST = 10.0, 1e-4
+_FAR, _LEAST = 30.0, 1e-4
 """Cost of an object before a way to it is known; least need of an object, for its logarithm."""
 _GRASPS = 12
 """Most needed grasps that a place is compared with."""
@@ -117,7 +117,7 @@ class EndToEndNetwork(nn.Module):
 
     directions: torch.Tensor
 
-    def __init__(self, width: int = 64) -> None:
+    def __init__(self, width: int = 96) -> None:
         super().__init__()
         self.register_buffer("directions", torch.tensor(DIRECTIONS, dtype=torch.float32), persistent=False)
         self.reach, self.preference = _layers(_OWN, width, width, 1), _layers(_OWN, width, width, 1)
@@ -314,7 +314,7 @@ def own_features(own: torch.Tensor, yaws: torch.Tensor, is_place: bool) -> torch
 
 
 def pair_features(own: torch.Tensor, yaws: torch.Tensor, others: torch.Tensor) -> torch.Tensor:
-    """(..., n, 18) Other objects (..., n, 5) in the frames of gripper and base at an object (..., 5), and sizes."""
+    """(..., n, 22) Other objects (..., n, 5) in the frames of gripper and base at an object (..., 5), and sizes."""
     offset = others[..., :2] - own[..., None, :2]
     ahead, aside = _turned(offset, yaws[..., 0])
     before, beside = _turned(offset, yaws[..., 1])

@@ -67,10 +67,10 @@ _REFERENCE = 0.3
 class Steps:
     """Gradient steps of each part."""
 
-    tables: int = 3000
-    pointer: int = 1200
-    places: int = 1200
-    keyframes: int = 5000
+    tables: int = 4500
+    pointer: int = 1000
+    places: int = 600
+    keyframes: int = 4000
 
     def shortened(self, share: float) -> Steps:
         """The same, for a share of the steps, at least one each."""

@@ -22,7 +22,7 @@ WEIGHTS_FILE = "weights.npz"
 
 def train_end_to_end(
     directory: Path,
-    plans: int = 800,
+    plans: int = 440,
     seed: int = 0,
     log: Callable[[str], object] = lambda _: None,
     steps: Steps = Steps(),  # noqa: B008  frozen
