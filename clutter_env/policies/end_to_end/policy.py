@@ -70,7 +70,8 @@ class Anchor:
 class EndToEndPolicy:
     """Plays `clutter_env/Retrieve-…` by one network and a fixed controller.
 
-    After a pick or place that failed it draws its next choice from what the network says, instead of taking the best.
+    After a pick or place that failed it draws its next choice from what the network says, instead of taking the best. A
+    place has failed too if its object is picked again at once.
 
     Attributes:
         info: robot, layout and grasps that the network was trained for.
@@ -176,6 +177,8 @@ class EndToEndPolicy:
             if float(logits.max()) <= ABSENT:
                 return None
             index, direction = divmod(self._one_of(logits.flatten(), has_failed), logits.shape[2])
+            # What it has just put down and takes again was in the way there too.
+            self._has_failed = self._anchor is not None and self._anchor.is_place and self._anchor.index == index
             self._taken_from = objects.rows[index, :2]
             return Anchor(index, objects.rows[index], DIRECTIONS[direction], is_place=False)
         held = torch.from_numpy(objects.rows[objects.held])[None]
