@@ -28,6 +28,8 @@ FINGERS = ("ready", "close", "open")
 
 _AHEAD = 0.05
 """[m] On a line the gripper goes to the point this far ahead."""
+_BACK = 1.0
+"""Share of the distance from the line that is added to the way back to it: the joints lag behind their goals."""
 _AT_BASE, _AT_ARM, _PASSING = 0.006, 0.03, 0.06
 """[m], [rad] from a keyframe at which the base, the arm, and an arm that need not stop there have arrived."""
 _AT_CONTACT, _AWAY = 0.006, 0.02
@@ -74,10 +76,16 @@ class Controller:
     def reset(self) -> None:
         """Start an episode."""
         self.is_over, self.has_stopped = True, False
+        self._last_tcp: Array | None = None
 
     def start(self, keyframe: Keyframe, seen: ParsedObservation) -> None:
         """Begin to go to a keyframe."""
         self._keyframe, self._start = keyframe, seen
+        if keyframe.phase == "drive":
+            self._last_tcp = None
+        self._line_from = seen.tcp[:3, 3] if self._last_tcp is None else self._last_tcp[:3, 3]
+        if keyframe.phase in ("transit", *LINES):
+            self._last_tcp = keyframe.tcp
         self._steps = self._still = 0
         self._width = float(seen.widths[0])
         self._posture: Array | None = None
@@ -112,8 +120,8 @@ class Controller:
         elif keyframe.phase == "retreat":
             goal[3:] = keyframe.q
         elif keyframe.phase == "transit":
-            if self._posture is None:
-                self._posture = self._ik.solve(keyframe.q, self._in_base(keyframe.tcp), keyframe.q, iterations=12)
+            near, iterations = (keyframe.q, 12) if self._posture is None else (self._posture, 1)
+            self._posture = self._ik.solve(near, _in_base(seen, keyframe.tcp), keyframe.q, iterations)
             goal[3:] = self._posture
         elif keyframe.phase in LINES:
             goal[3:] = self._ik.solve(self._near(seen, keyframe.q), self._ahead(seen), keyframe.q)
@@ -124,20 +132,17 @@ class Controller:
         """(8,) The measured configuration, its endless joints within half a turn of a reference."""
         return shorter_turns(self._robot, reference, seen.q)
 
-    def _in_base(self, tcp: Array) -> Array:
-        """A gripper pose in the frame of the base where it stood at the start."""
-        return np.asarray(np.linalg.inv(planar_pose(self._start.base)) @ tcp)
-
     def _ahead(self, seen: ParsedObservation) -> Array:
-        """(4, 4) Gripper pose in the base's frame, ahead on the straight line from the start."""
-        tcp, start = np.array(self._keyframe.tcp), self._start.tcp[:3, 3]
+        """(4, 4) Gripper pose in the base's frame, ahead on the straight line from the last keyframe."""
+        tcp, start = np.array(self._keyframe.tcp), self._line_from
         line = tcp[:3, 3] - start
         length = float(np.linalg.norm(line))
         if length > _AHEAD:
             along = line / length
             come = float((seen.tcp[:3, 3] - start) @ along)
-            tcp[:3, 3] = start + along * min(length, max(come, 0.0) + _AHEAD)
-        return np.asarray(np.linalg.inv(planar_pose(seen.base)) @ tcp)
+            beside = start + along * come - seen.tcp[:3, 3]
+            tcp[:3, 3] = start + along * min(length, max(come, 0.0) + _AHEAD) + _BACK * beside
+        return _in_base(seen, tcp)
 
     def _is_reached(self, seen: ParsedObservation) -> bool:
         phase = self._keyframe.phase
@@ -151,4 +156,12 @@ class Controller:
         error = np.abs(error_to(seen, self._goal(seen)))
         if phase == "drive":
             return bool((error[:3] < _AT_BASE).all() and (error[3:] < _AT_ARM).all())
-        return bool((error[3:] < (_AT_ARM if phase == "transit" else _PASSING)).all())
+        if phase == "transit":
+            distance = float(np.linalg.norm(seen.tcp[:3, 3] - self._keyframe.tcp[:3, 3]))
+            return bool((error[3:] < _AT_ARM).all()) and (distance < _AT_CONTACT or is_slow)
+        return bool((error[3:] < _PASSING).all())
+
+
+def _in_base(seen: ParsedObservation, tcp: Array) -> Array:
+    """A gripper pose (4, 4) in the frame of the measured base."""
+    return np.asarray(np.linalg.inv(planar_pose(seen.base)) @ tcp)
