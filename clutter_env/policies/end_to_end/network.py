@@ -46,6 +46,8 @@ KEYFRAME_SIZE = 15
 """Numbers of a keyframe."""
 NOMINAL_DISTANCE = 0.85
 """[m] from the base to the anchor along the base's heading."""
+MARGIN = 0.004
+"""[m] added to the radius of objects that may be in the way: motions are not exact."""
 _SURE = 0.9995
 """Probability from which on something is in the way for certain."""
 ABSENT = -30.0
@@ -151,7 +153,8 @@ class EndToEndNetwork(nn.Module):
         """The tables of scenes."""
         own, yaws = self._grasps(scenes)
         b, n, c = own.shape[:3]
-        blocks = self.in_way(own, yaws, False, scenes.objects[:, None, None].expand(b, n, c, n, 5))
+        others = _thicker(scenes.objects)[:, None, None].expand(b, n, c, n, 5)
+        blocks = self.in_way(own, yaws, False, others)
         counts = scenes.is_there[:, None, None] & ~torch.eye(n, dtype=torch.bool)[None, :, None]
         probability = torch.where(counts, torch.sigmoid(blocks), blocks.new_zeros(()))
         return Tables(self.reached(own, yaws, False), probability)
@@ -205,7 +208,7 @@ class EndToEndNetwork(nn.Module):
         b, k = len(held), len(cells)
         placed = held[:, None].repeat(1, k, 1)
         placed[..., :2], placed[..., 2] = cells, _TABLE_HEIGHT
-        others = scenes.objects[:, None].expand(b, k, *scenes.objects.shape[1:])
+        others = _thicker(scenes.objects)[:, None].expand(b, k, *scenes.objects.shape[1:])
         ahead = placed.new_zeros(b, k, 2)
         in_way = torch.sigmoid(self.in_way(placed, ahead, True, others)) * scenes.is_there[:, None]
         return Places(
@@ -290,6 +293,11 @@ class EndToEndNetwork(nn.Module):
 
 UNITS = torch.tensor((0.1, 0.1, 0.1, *(0.1,) * 3, 0.1, *(0.5,) * 7, 0.02))
 """[m], [rad] of each number of a keyframe that is one unit of an output."""
+
+
+def _thicker(objects: torch.Tensor) -> torch.Tensor:
+    """Objects (..., 5) with a margin about them."""
+    return objects + objects.new_tensor((0.0, 0.0, 0.0, MARGIN, 0.0))
 
 
 def log_free(blocks: torch.Tensor) -> torch.Tensor:
