@@ -109,7 +109,8 @@ class EndToEndPolicy:
     def _reset(self) -> None:
         self.failure, self.decisions = "", list[tuple[str, int]]()
         self._controller.reset()
-        self._phase, self._anchor = NO_PHASE, None
+        self._phase = NO_PHASE
+        self._anchor: Anchor | None = None
         self._taken_from = np.zeros(2, np.float32)
         self._rng = np.random.default_rng(0)
         self._steps_after, self._has_failed = 0, False

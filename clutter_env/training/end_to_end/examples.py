@@ -49,8 +49,8 @@ _log = logging.getLogger(__name__)
 
 MOST_OBJECTS = 25
 """Rows of objects in the examples; the network itself takes any number."""
-_COUNTS = ((15, True), (15, True), (25, True), (10, True), (5, True), (20, True), (15, True), (1, False), (15, False))
-_COUNTS += ((15, True),)
+_SIZES = (15, 15, 25, 10, 5, 20, 15, 1, 15, 15)
+_COUNTS = tuple((size, place not in (7, 8)) for place, size in enumerate(_SIZES))
 """Numbers of objects, and whether the target is obstructed, in turn."""
 _PER_FILE = 40
 """Plans in a file of examples."""

@@ -27,11 +27,11 @@ def directory(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_every_object_that_begins_a_shortest_sequence_is_right() -> None:
     free, a, b, c = [0], [0b0010], [0b0100], [0b1000]
-    assert right_objects([free, free], 0) == ({0}, 0)
-    assert right_objects([a, free], 0) == ({1}, 1)
-    assert right_objects([[0b0110], free, free, free], 0) == ({1, 2}, 2)  # either first
-    assert right_objects([a, b, c, free], 0) == ({3}, 3)
-    assert right_objects([[0b0110, 0b1000], free, free, free], 0) == ({3}, 1)  # the way with fewer
+    assert right_objects([free, free], 0) == (frozenset({0}), 0)
+    assert right_objects([a, free], 0) == (frozenset({1}), 1)
+    assert right_objects([[0b0110], free, free, free], 0) == (frozenset({1, 2}), 2)  # either first
+    assert right_objects([a, b, c, free], 0) == (frozenset({3}), 3)
+    assert right_objects([[0b0110, 0b1000], free, free, free], 0) == (frozenset({3}), 1)  # the way with fewer
     assert right_objects([a, [0b0001]], 0) == (frozenset(), -1)  # each in the way of the other
     assert right_objects([[], free], 0) == (frozenset(), -1)
 
