@@ -26,6 +26,7 @@ from clutter_env.evaluation.score import play_scene
 from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
 from clutter_env.policies.two_level import TwoLevelPolicy
+from clutter_env.policies.weights import trained_in
 from clutter_env.reporting.files import write_json
 from clutter_env.reporting.intervals import success_interval
 from clutter_env.reporting.progress import progress_bar
@@ -33,7 +34,6 @@ from clutter_env.reporting.tables import markdown_table
 from clutter_env.seeds import held_out_seeds
 from scripts.shipped_weights.motion_examples import motions_of
 from scripts.shipped_weights.motions import fit_motions, high_level_of
-from scripts.shipped_weights.saving import trained_in
 
 
 @dataclass(frozen=True)

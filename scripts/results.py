@@ -70,6 +70,7 @@ ROWS = (
     ),
     *(Result("side-15-v3", name) for name in ("keyframes", "greedy", "direct-approach")),
     *(Result("deep-15-v2", name) for name in ("keyframes", "greedy", "direct-approach")),
+    *(Result(name, "end-to-end") for name in ("side-15-v3", "deep-15-v2")),
 )
 """The results of the repository."""
 

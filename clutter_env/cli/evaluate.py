@@ -23,10 +23,10 @@ class Arguments:
     """Name of the suite."""
     policy: str = "lookahead"
     """lookahead, ngr, dogar, srivastava, canonical: the expert with side grasps, or, as lookahead-all, …, with all
-    grasps. keyframes, keyframes-all, keyframes-shelf: learned decisions and motions. greedy, random-skills,
-    direct-approach, scripted, random. For other scenes: reach, pick, armreach, armpick and armretrieve. The directory
-    of a training run. module:Class. lerobot:DIRECTORY, a checkpoint of LeRobot. With --trust, a model of
-    Stable-Baselines3 as ALGORITHM:FILE.zip."""
+    grasps. keyframes, keyframes-all, keyframes-shelf: learned decisions and motions. end-to-end: one network. greedy,
+    random-skills, direct-approach, scripted, random. For other scenes: reach, pick, armreach, armpick and armretrieve.
+    The directory of a training run. module:Class. end-to-end:FILE.npz, weights of `clutter-env train end-to-end`.
+    lerobot:DIRECTORY, a checkpoint of LeRobot. With --trust, a model of Stable-Baselines3 as ALGORITHM:FILE.zip."""
     split: str = "test"
     """"test" for results to report, "validation" to tune a policy."""
     scenes: int | None = None

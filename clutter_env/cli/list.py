@@ -82,6 +82,7 @@ _POLICIES = {
     "keyframes": "learned in two levels, with the weights of the package",
     "keyframes-all": "the same, from all grasps",
     "keyframes-shelf": "the same, in the shelf",
+    "end-to-end": "learned by one network that points at objects and gives whole-body keyframes",
     "greedy": "skills: the target, or the nearest object while that fails",
     "direct-approach": "drives at the target and closes the gripper",
     "random": "uniform actions",

@@ -1,9 +1,11 @@
-"""Train a policy from rewards, by a learner of Stable-Baselines3 or sb3-contrib, with checkpoints and TensorBoard logs.
+"""Train a policy from rewards, by a learner of Stable-Baselines3 or sb3-contrib, or end to end from plans.
 
     clutter-env train tqc --env clutter_env/ArmReach-v0 --steps 20000
     clutter-env train maskable-ppo --env clutter_env/Skill-o10-v0 --steps 30000 --seeds 3 --workers 2
+    clutter-env train end-to-end --scenes 440
 
-SAC and TQC take some 30 ms a step. Without --out a run is written to a directory of its own under outputs/runs.
+SAC and TQC take some 30 ms a step, end-to-end 0.7 s a scene and some five minutes. Learners from rewards write
+checkpoints and TensorBoard logs. Without --out a run is written to a directory of its own under outputs/runs.
 """
 
 from __future__ import annotations
@@ -36,9 +38,9 @@ WHEN_INTERRUPTED = "run the same command again with --resume to go on from the l
 class Arguments:
     """Train a policy."""
 
-    algorithm: tyro.conf.Positional[Literal["sac", "tqc", "ppo", "maskable-ppo", "dqn"]]
+    algorithm: tyro.conf.Positional[Literal["sac", "tqc", "ppo", "maskable-ppo", "dqn", "end-to-end"]]
     """sac, tqc: on ArmReach, ArmPick, Reach, Pick with hindsight (HER), and on Retrieve. ppo: on Retrieve and Skill.
-    maskable-ppo, dqn: on Skill."""
+    maskable-ppo, dqn: on Skill. end-to-end: from plans of the planner for Retrieve scenes, without rewards."""
     env: str = ""
     """Environment id. Empty for clutter_env/ArmReach-v0, Retrieve-o15-v0 or Skill-o15-v0, as the algorithm needs."""
     settings: Annotated[Settings, tyro.conf.arg(name="")] = field(default_factory=Settings)
@@ -70,6 +72,8 @@ class Arguments:
     Held-out scenes are played without."""
     feasibility: Literal["oracle", "none", ""] = ""
     """Whether Skill refuses skills without a free grasp, or tries them all the same."""
+    scenes: int = 440
+    """Plans that end-to-end learns from, one a scene."""
     resume: bool = False
     """Continue from the last checkpoint. All settings except --steps and --checkpoint-every must be the same."""
     json: Path | None = None
@@ -78,6 +82,9 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Train and print the histories."""
+    if arguments.algorithm == "end-to-end":
+        imitate_plans(arguments)
+        return
     from clutter_env.reporting.files import write_json
     from clutter_env.training.run import runs_of_seeds
     from clutter_env.training.train import train_all
@@ -86,6 +93,19 @@ def run(arguments: Arguments) -> None:
     trained = train_all(runs, arguments.workers, arguments.resume, arguments.ray, report=print_history)
     if arguments.json is not None:
         write_json(arguments.json, [{**one.describe(), **asdict(end)} for one, end in zip(runs, trained, strict=True)])
+
+
+def imitate_plans(arguments: Arguments) -> None:
+    """Train end to end from plans, and say how to play. Examples that are in the directory are not made again."""
+    from clutter_env.errors import LearningError
+    from clutter_env.training.end_to_end.train import train_end_to_end
+
+    others = [name for name in ("env", *_KEYWORDS) if getattr(arguments, name)]
+    if others or arguments.seeds != 1:
+        raise LearningError("end-to-end learns from plans for Retrieve; it takes --scenes, --seed and --out alone")
+    directory = arguments.out or Path("outputs/runs") / f"end-to-end-{arguments.seed}"
+    weights = train_end_to_end(directory, arguments.scenes, arguments.seed, print)
+    print(f"play it: clutter-env evaluate --policy end-to-end:{weights}")
 
 
 def print_history(run: Run, trained: Trained) -> None:

@@ -34,9 +34,11 @@ _BASELINES: Mapping[str, Callable[[int], AnyPolicy]] = {
 }
 _SHIPPED = MappingProxyType({"keyframes": "side", "keyframes-all": "all", "keyframes-shelf": "shelf"})
 """Policies of two levels with the weights of the package, see `weights.PROBLEMS`."""
+END_TO_END = "end-to-end"
+"""The policy of one network with the weights of the package, and, before a colon, with those of a file."""
 LEROBOT = "lerobot"
 """Prefix of the name of a LeRobot checkpoint, before the colon."""
-BUILT_IN = (*EXPERTS, *_SHIPPED, *_BASELINES)
+BUILT_IN = (*EXPERTS, *_SHIPPED, END_TO_END, *_BASELINES)
 """Names of the built-in policies."""
 
 
@@ -46,7 +48,8 @@ def load_policy(name: str, seed: int, trust: bool = False, python: str = "") -> 
     Args:
         name: an entry of `BUILT_IN`, or the directory of a training run. Or "module:Class" of a class without
             arguments. Modules are also looked up in the current directory. Or "ALGORITHM:FILE.zip" of a model that
-            Stable-Baselines3 saved, or "lerobot:DIRECTORY" of a LeRobot checkpoint.
+            Stable-Baselines3 saved, or "lerobot:DIRECTORY" of a LeRobot checkpoint, or "end-to-end:FILE.npz" of trained
+            weights.
         seed: of random built-in policies, and of LeRobot policies that draw random numbers.
         trust: whether to load a file of Stable-Baselines3, which executes code in the file. Otherwise only a named
             module executes code.
@@ -62,7 +65,7 @@ def load_policy(name: str, seed: int, trust: bool = False, python: str = "") -> 
     kind, _, attribute = name.partition(":")
     if kind == LEROBOT:
         return LeRobotPolicy(Path(attribute), python, seed)
-    if name in _SHIPPED or is_run(name) or attribute.endswith(".zip"):
+    if name in _SHIPPED or kind == END_TO_END or is_run(name) or attribute.endswith(".zip"):
         try:
             return _learned_policy(name, trust)
         except ModuleNotFoundError as problem:
@@ -86,7 +89,7 @@ def check_name(name: str) -> None:
     if ":" not in name and name not in BUILT_IN and not is_run(name):
         raise PolicyError(
             f"no policy {name!r}; give module:Class, the directory of a training run, ALGORITHM:FILE.zip, "
-            f"lerobot:DIRECTORY, or one of {', '.join(BUILT_IN)}"
+            f"lerobot:DIRECTORY, {END_TO_END}:FILE.npz, or one of {', '.join(BUILT_IN)}"
         )
 
 
@@ -118,6 +121,11 @@ def _learned_policy(name: str, trust: bool) -> AnyPolicy:
 
         return RunPolicy(Path(name))
     algorithm, _, file = name.partition(":")
+    if algorithm == END_TO_END:
+        from clutter_env.policies.end_to_end.policy import KIND, EndToEndPolicy
+        from clutter_env.policies.weights import shipped_path
+
+        return EndToEndPolicy.load(Path(file) if file else shipped_path(KIND, "side"))
     executes = f"{file} is a file of Stable-Baselines3, and loading it executes code that is in it"
     if not trust:
         raise PolicyError(f"{executes}; if you trust those who made it: --trust, or load_policy(..., trust=True)")
@@ -212,10 +220,14 @@ def policy_files(name: str, module_file: str = "") -> dict[str, str]:
 
         files = [shipped_path(kind, _SHIPPED[name]) for kind in ("decisions", "motions")]
     module, _, attribute = name.partition(":")
+    if name == END_TO_END:
+        from clutter_env.policies.weights import shipped_path  # needs torch
+
+        files = [shipped_path(END_TO_END, "side")]
     if is_run(name) or module == LEROBOT:
         folder = Path(attribute if module == LEROBOT else name)  # of a results file, it may not be here
         files = sorted(path for path in folder.glob("*") if path.is_file() and path.suffix not in _LOGS)
-    elif attribute.endswith(".zip") and Path(attribute).is_file():
+    elif attribute.endswith((".zip", ".npz")) and Path(attribute).is_file():
         files.append(Path(attribute))
     elif attribute and (source := Path(module_file or f"{module.replace('.', '/')}.py")).is_file():
         files.append(source)

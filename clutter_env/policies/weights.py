@@ -1,6 +1,6 @@
 """Files of trained weights: purpose and data of their training, and the weights that come with the package.
 
-A file is an .npz with an array for each parameter, and the entry "about" with JSON text, as `scripts/shipped_weights`
+A file is an .npz with an array for each parameter, and the entry "about" with JSON text, as `save_weights`
 writes it. Nothing is pickled: a file cannot execute code.
 """
 
@@ -10,23 +10,30 @@ import json
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from io import BytesIO
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any
 from zipfile import BadZipFile
 
+import gymnasium as gym
 import numpy as np
 import torch
+from torch import nn
 
 import assets
 from clutter_env.envs.base import layout_identity, robot_identity
 from clutter_env.policies.protocol import PolicyError, PublicInfo
+from clutter_env.provenance import provenance
+from clutter_env.reporting.files import json_text, write_atomically
 
 PROBLEMS = ("side", "all", "shelf")
 """Problems for which weights of both levels are in the package: level grasps, all grasps, level grasps under a
 shelf."""
-_FILES = {"motions": "keyframes", "decisions": "decisions"}
+_FILES = {"motions": "keyframes", "decisions": "decisions", "end-to-end": "end-to-end"}
+_ALONE = {"end-to-end": ("side",)}
+"""Problems of kinds for which not all have weights."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +41,7 @@ class WeightsInfo:
     """Purpose and origin of weights.
 
     Attributes:
-        kind: "motions" or "decisions".
+        kind: "motions", "decisions" or "end-to-end".
         robot, layout: names of the robot and layout of the training. Your own are stored with all fields.
         grasps: name of the grasp set.
         provenance: version, commit and environment of the training, as far as known.
@@ -66,8 +73,9 @@ def shipped_path(kind: str, problem: str) -> Path:
     Raises:
         PolicyError: no weights exist for this problem. The message lists the problems.
     """
-    if problem not in PROBLEMS:
-        raise PolicyError(f"no {kind} are shipped for {problem!r}; there are {', '.join(PROBLEMS)}")
+    known = _ALONE.get(kind, PROBLEMS)
+    if problem not in known:
+        raise PolicyError(f"no {kind} are shipped for {problem!r}; there are {', '.join(known)}")
     return assets.path(f"policies/{_FILES[kind]}-{problem}.npz")
 
 
@@ -83,6 +91,24 @@ def load_weights(path: Path, kind: str) -> tuple[dict[str, torch.Tensor], Weight
     if info.kind != kind:
         raise PolicyError(f"{path} holds {info.kind}, not {kind}")
     return weights, info
+
+
+def trained_in(env: gym.Env[Any, Any], kind: str, grasps: str) -> WeightsInfo:
+    """What weights are for that are trained in an environment."""
+    robot, layout = env.get_wrapper_attr("robot"), env.get_wrapper_attr("layout")
+    return WeightsInfo(kind, robot_identity(robot), layout_identity(layout), grasps, provenance(env))
+
+
+def save_weights(path: Path, network: nn.Module, info: WeightsInfo) -> None:
+    """Write the weights of a network; missing directories are made.
+
+    Raises:
+        OSError: the disk is full or cannot be written; an old file stays.
+    """
+    arrays, content = {name: value.numpy() for name, value in network.state_dict().items()}, BytesIO()
+    np.savez_compressed(content, allow_pickle=False, **arrays, about=np.array(json_text(asdict(info))))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, content.getvalue())
 
 
 @contextmanager

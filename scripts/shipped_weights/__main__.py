@@ -28,12 +28,12 @@ from clutter_env.policies.high_level.candidates import CandidateRule
 from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy
 from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
 from clutter_env.policies.two_level import TwoLevelPolicy
+from clutter_env.policies.weights import save_weights, trained_in
 from clutter_env.seeds import training_seeds
 from clutter_env.task import Task
 from scripts.shipped_weights.decisions import SEEDS_OF_A_RUN, DecisionBudget, train_decisions
 from scripts.shipped_weights.motion_examples import Motion, motions_of, planned_motions
 from scripts.shipped_weights.motions import fit_motions
-from scripts.shipped_weights.saving import save_weights, trained_in
 
 FIRST_PLAN_SEED = 100_000
 """First seed of the scenes whose plans are learned from."""

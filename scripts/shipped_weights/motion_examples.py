@@ -25,7 +25,7 @@ from assets import RobotSpec
 from clutter_env.data.episode import CONTACT_SKILLS, Episode
 from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.errors import DatasetError
-from clutter_env.policies.motion.arm import ArmKinematics, endless_joints, rolls_and_bends
+from clutter_env.policies.motion.arm import ArmKinematics, nearest_home
 from clutter_env.policies.motion.network import (
     ELSEWHERE,
     FREE_JOINTS,
@@ -344,22 +344,3 @@ def _observations(robot: RobotSpec, states: Array, body: Body) -> ParsedObservat
         widths=np.column_stack((width, width)),
         objects=objects,
     )
-
-
-def nearest_home(robot: RobotSpec, q: Array) -> Array:
-    """Configurations (..., 8) with the same gripper pose, each in the one form that is nearest to home.
-
-    Joints that turn without end are brought within half a turn of home. Where three joints in a row roll, bend and roll
-    about one line, as Fetch's elbow and wrist do, both rolls by half a turn and the opposite bend are the same for all
-    that follows: the bend gets the sign that it has at home.
-    """
-    home, turned = np.array(robot.in_front), np.array(q)
-    for first in rolls_and_bends(robot):
-        bend = turned[..., first + 1]
-        is_flipped = bend * np.sign(home[first + 1]) < 0
-        turned[..., first + 1] = np.where(is_flipped, -bend, bend)
-        for roll in (first, first + 2):
-            turned[..., roll] += np.where(is_flipped, np.pi, 0.0)
-    endless = endless_joints(robot)[0]
-    turned[..., endless] = home[endless] + wrapped(turned[..., endless] - home[endless])
-    return turned

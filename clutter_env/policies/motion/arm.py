@@ -83,6 +83,25 @@ def with_wrist_flipped(robot: RobotSpec, q: Array) -> Array:
     return turned
 
 
+def nearest_home(robot: RobotSpec, q: Array) -> Array:
+    """Configurations (..., 8) with the same gripper pose, each in the one form that is nearest to home.
+
+    Joints that turn without end are brought within half a turn of home. Where three joints in a row roll, bend and roll
+    about one line, as Fetch's elbow and wrist do, both rolls by half a turn and the opposite bend are the same for all
+    that follows: the bend gets the sign that it has at home.
+    """
+    home, turned = np.array(robot.in_front), np.array(q)
+    for first in rolls_and_bends(robot):
+        bend = turned[..., first + 1]
+        is_flipped = bend * np.sign(home[first + 1]) < 0
+        turned[..., first + 1] = np.where(is_flipped, -bend, bend)
+        for roll in (first, first + 2):
+            turned[..., roll] += np.where(is_flipped, np.pi, 0.0)
+    endless = endless_joints(robot)[0]
+    turned[..., endless] = home[endless] + wrapped(turned[..., endless] - home[endless])
+    return turned
+
+
 def is_wrist_flipped(robot: RobotSpec, q: Array) -> bool:
     """Whether the wrist is bent to the other side than at home, in a configuration (8,)."""
     return any(q[first + 1] * robot.home[first + 1] < 0 for first in rolls_and_bends(robot)[-1:])

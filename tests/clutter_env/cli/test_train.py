@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from clutter_env.cli.main import main
-from clutter_env.cli.train import Arguments, make_run
+from clutter_env.cli.train import Arguments, imitate_plans, make_run
 from clutter_env.errors import LearningError
 
 pytest.importorskip("sb3_contrib")
@@ -71,3 +71,11 @@ def test_the_weights_of_the_last_step_are_measured(tmp_path: Path, capsys: pytes
         ["steps", "12"],
         ["steps", "20"],
     ]
+
+
+def test_end_to_end_learns_from_plans_of_its_own_scenes_alone() -> None:
+    for words in (["--env", "clutter_env/Pick-v0"], ["--obstructed"], ["--seeds", "2"]):
+        with pytest.raises(SystemExit, match="--scenes, --seed and --out alone"):
+            main(["train", "end-to-end", *words])
+    with pytest.raises(LearningError, match="--scenes, --seed and --out alone"):
+        imitate_plans(Arguments("end-to-end", layout="dense"))

@@ -20,9 +20,8 @@ from clutter_env.policies.motion.network import KeyframeNetwork
 from clutter_env.policies.protocol import PolicyError, PublicInfo, begin_episode
 from clutter_env.policies.registry import BUILT_IN, PolicyTraits, load_policy
 from clutter_env.policies.two_level import TwoLevelPolicy
-from clutter_env.policies.weights import PROBLEMS, load_weights, shipped_path
+from clutter_env.policies.weights import PROBLEMS, load_weights, save_weights, shipped_path, trained_in
 from clutter_env.scene.layout import Layout
-from scripts.shipped_weights.saving import save_weights, trained_in
 
 
 def test_every_built_in_policy_is_made_and_has_the_protocol() -> None:

@@ -17,7 +17,7 @@ from clutter_env.training.run import Run
 from clutter_env.training.settings import Settings
 from clutter_env.training.train import make_model, save_model
 
-SHIPPED = {"keyframes": "paper", "keyframes-all": "paper", "keyframes-shelf": "shelf"}
+SHIPPED = {"keyframes": "paper", "keyframes-all": "paper", "keyframes-shelf": "shelf", "end-to-end": "paper"}
 TASKS = {
     "tqc": Task("clutter_env/Pick-v0"),
     **dict.fromkeys(("dqn", "maskable_ppo"), Task("clutter_env/Skill-o5-v0", {"simulation": "kinematic"})),
