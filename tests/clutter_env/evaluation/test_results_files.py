@@ -60,7 +60,7 @@ def least(file: Path, seed: int, stored: int) -> int:
 
 
 GO_NEARER = {"deep-15-v2_keyframes.json": 5}
-"""Clean episodes below a bound, of policies that come nearer to objects than the planner's clearances: docs/audit.md."""
+"""Clean episodes below a bound, of policies that go nearer to objects than the planner does: see docs/audit.md."""
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
