@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -17,7 +18,7 @@ from planners.grasping.candidates import GraspCandidates
 from planners.grasping.grasp_poses import opening_around
 from planners.hollows import Hollow, hollow_about
 from planners.placing.blockers import in_any_hand, wanted_poses
-from planners.placing.goal_places import Place, Yaws, distances_to_polygon, locations_in
+from planners.placing.goal_places import NARROW, PITCH, Place, Yaws, distances_to_polygon, locations_in
 from planners.placing.locations import in_hand
 from planners.placing.placements import FALLS, with_lowered
 from planners.regions import footprint
@@ -29,8 +30,6 @@ Array = NDArray[np.float64]
 
 _LOCATIONS, _APART = 8, 0.03
 """Number of locations of a place to test, and their least distance [m]."""
-_EVERYWHERE, _DENSE = 400, 0.008
-"""The same numbers for a test of the whole place."""
 _RISE = 0.01
 """Spacing [m] of the heights at which the hand is tested."""
 _HIGHEST = 0.4
@@ -152,10 +151,11 @@ def _told(hands: Sequence[_Hand], bare: Scene, body: Body, place: Place, hollow:
 def never_fits(candidates: GraspCandidates, scene: Scene, name: str, place: Place) -> bool:
     """Whether the walls of a container alone keep every hand from releasing an object in it.
 
-    The test covers the whole floor and all heights of `FALLS` below the rim. Arguments as for `why_not_put`.
+    The test covers the whole floor, as finely as put-downs are tried, and all heights of `FALLS` below the rim. False,
+    too, for a held object, which may be put aside and taken otherwise. Arguments as for `why_not_put`.
     """
     hollow = place.hollow
-    if hollow is None:
+    if hollow is None or name in scene.held_names:
         return False
     staying = (name, *scene.held_names, *((place.below,) if place.below else ()))
     bare = replace(scene, objects=tuple(one for one in scene.objects if one.name in staying))
@@ -164,8 +164,8 @@ def never_fits(candidates: GraspCandidates, scene: Scene, name: str, place: Plac
     falls = (0.0, *(one for one in FALLS if one < hollow.depth))
     found = False
     # The middle usually has the most clearance, so it is tested first.
-    for most, apart in ((1, _DENSE), (_LOCATIONS, _APART), (_EVERYWHERE, _DENSE)):
-        for hand in _hands(candidates, bare, scene.body(name), place, most, apart):
+    for most, apart, pitch in ((1, _APART, PITCH), (_LOCATIONS, _APART, PITCH), (math.inf, 0.0, NARROW)):
+        for hand in _hands(candidates, bare, scene.body(name), place, most, apart, pitch):
             found, world = True, _with(hand, place, walls)
             if any(not hand.hits(world, fall).all() for fall in falls):
                 return False
@@ -177,8 +177,9 @@ def _hands(
     scene: Scene,
     body: Body,
     place: Place,
-    most: int = _LOCATIONS,
+    most: float = _LOCATIONS,
     apart: float = _APART,
+    pitch: float = PITCH,
 ) -> Iterator[_Hand]:
     """Relative grasps of an object, each with its poses over some locations and yaws of a place."""
     middle = place.location if place.area is None else np.array(place.area.centre)
@@ -186,14 +187,16 @@ def _hands(
     is_under = is_covered(scene, np.append(middle, place.face.top))
     views = [view for view, _ in in_any_hand(candidates, scene, body)]
     for view in sorted(views, key=lambda view: -release_pitch(body, in_hand(view)[0])):  # from above first
-        found: list[tuple[Array, Yaws]] = []
-        everywhere = locations_in(view, in_hand(view)[1], place, (), (), lambda points: np.ones(len(points), np.bool_))
+        found: dict[tuple[float, float, Yaws], Array] = {}
+        everywhere = locations_in(
+            view, in_hand(view)[1], place, (), (), lambda points: np.ones(len(points), np.bool_), pitch
+        )
         for point, yaws in itertools.chain([(middle, (place.yaw,))], everywhere):
-            if all(how != yaws or np.hypot(*(point - other)) >= apart for other, how in found):
-                found.append((point, yaws))
+            if not apart or all(key[2] != yaws or np.hypot(*(point - at)) >= apart for key, at in found.items()):
+                found[*point, yaws] = point
             if len(found) == most:
                 break
-        poses = np.concatenate([wanted_poses(view, place, point, yaws) for point, yaws in found])
+        poses = np.concatenate([wanted_poses(view, place, point, yaws) for (*_, yaws), point in found.items()])
         held, in_it = in_hand(view)
         yield _Hand(view, poses, opening_around(view.robot, in_it, held), is_under)
 

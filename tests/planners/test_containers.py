@@ -226,6 +226,17 @@ def test_a_container_into_which_no_hand_reaches_is_refused_before_anything_moves
     assert (bound.cause, bound.objects) == (Cause.NO_CLEARANCE_LOCATION, ("thing",))
 
 
+def test_what_a_held_object_may_be_taken_by_is_not_proved_from_how_it_is_held() -> None:
+    """Held level, the can does not get between the walls. Put aside and taken from above, it does."""
+    world = container_world(box_walls(0.2, 0.2, 0.16), free=False, object_=LOW_CAN, half=0.038)
+    taken = solve(world.scene(), "thing", grasps="side", rng=0)
+    assert isinstance(taken, Solution)
+    assert taken.end is not None
+    assert taken.end.held_names == ("thing",)
+    bound = lower_bound(taken.end, goals.inside("thing", "basket"))
+    assert bound.picks == 0
+
+
 @pytest.mark.parametrize(("play", "told"), [(0.0015, "there are not 2 mm left on every side of thing"), (0.02, "")])
 def test_what_itself_has_no_room_in_a_container_is_told_from_a_hand_that_has_none(play: float, told: str) -> None:
     wide = 2 * (0.03 + play)
