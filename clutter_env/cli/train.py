@@ -10,7 +10,7 @@ checkpoints and TensorBoard logs. Without --out a run is written to a directory 
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -31,7 +31,9 @@ _ENVIRONMENTS = {
 _KEYWORDS: tuple[str, ...] = ("control_mode", "reward_mode", "layout", "object_set", "obstructed")
 _KEYWORDS += ("simulation", "geometric_mask", "feasibility")
 """The arguments that the environment has too."""
-WHEN_INTERRUPTED = "run the same command again with --resume to go on from the last checkpoint"
+WHEN_INTERRUPTED = (
+    "run the same command again, with --resume to go on from the last checkpoint; end-to-end reads its plans again"
+)
 
 
 @dataclass(frozen=True)
@@ -85,10 +87,13 @@ def run(arguments: Arguments) -> None:
     if arguments.algorithm == "end-to-end":
         imitate_plans(arguments)
         return
+    from clutter_env.errors import LearningError
     from clutter_env.reporting.files import write_json
     from clutter_env.training.run import runs_of_seeds
     from clutter_env.training.train import train_all
 
+    if arguments.scenes != Arguments(arguments.algorithm).scenes:
+        raise LearningError(f"--scenes is of end-to-end; {arguments.algorithm} takes --steps")
     runs = runs_of_seeds(make_run(arguments), arguments.seeds)
     trained = train_all(runs, arguments.workers, arguments.resume, arguments.ray, report=print_history)
     if arguments.json is not None:
@@ -100,9 +105,11 @@ def imitate_plans(arguments: Arguments) -> None:
     from clutter_env.errors import LearningError
     from clutter_env.training.end_to_end.train import train_end_to_end
 
-    others = [name for name in ("env", *_KEYWORDS) if getattr(arguments, name)]
-    if others or arguments.seeds != 1:
-        raise LearningError("end-to-end learns from plans for Retrieve; it takes --scenes, --seed and --out alone")
+    taken, plain = ("scenes", "seed", "out"), Arguments("end-to-end")
+    others = [one.name for one in fields(Arguments) if getattr(arguments, one.name) != getattr(plain, one.name)]
+    if refused := [name for name in others if name not in taken]:
+        what = f"it takes --scenes, --seed and --out alone, not {', '.join(refused)}"
+        raise LearningError(f"end-to-end learns from plans for Retrieve; {what}")
     directory = arguments.out or Path("outputs/runs") / f"end-to-end-{arguments.seed}"
     weights = train_end_to_end(directory, arguments.scenes, arguments.seed, print)
     print(f"play it: clutter-env evaluate --policy end-to-end:{weights}")

@@ -125,6 +125,8 @@ def _learned_policy(name: str, trust: bool) -> AnyPolicy:
         from clutter_env.policies.end_to_end.policy import KIND, EndToEndPolicy
         from clutter_env.policies.weights import shipped_path
 
+        if name != END_TO_END and not file:
+            raise PolicyError(f"{name!r} names no file; give {END_TO_END}:FILE.npz, or {END_TO_END} alone")
         return EndToEndPolicy.load(Path(file) if file else shipped_path(KIND, "side"))
     executes = f"{file} is a file of Stable-Baselines3, and loading it executes code that is in it"
     if not trust:
@@ -227,7 +229,7 @@ def policy_files(name: str, module_file: str = "") -> dict[str, str]:
     if is_run(name) or module == LEROBOT:
         folder = Path(attribute if module == LEROBOT else name)  # of a results file, it may not be here
         files = sorted(path for path in folder.glob("*") if path.is_file() and path.suffix not in _LOGS)
-    elif attribute.endswith((".zip", ".npz")) and Path(attribute).is_file():
+    elif (module == END_TO_END or attribute.endswith(".zip")) and Path(attribute).is_file():
         files.append(Path(attribute))
     elif attribute and (source := Path(module_file or f"{module.replace('.', '/')}.py")).is_file():
         files.append(source)
@@ -268,4 +270,5 @@ def policy_families(name: str) -> tuple[str, ...]:
         return ("retrieve", "skill")
     if name in PLANNERS:
         return ("retrieve", "rearrange", "open")
-    return ("retrieve",) if name in BUILT_IN and name != "random" else every
+    is_own = name in BUILT_IN or name.startswith(f"{END_TO_END}:")
+    return ("retrieve",) if is_own and name != "random" else every

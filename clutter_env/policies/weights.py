@@ -88,6 +88,8 @@ def load_weights(path: Path, kind: str) -> tuple[dict[str, torch.Tensor], Weight
     with damage_refused(path), np.load(path, allow_pickle=False) as content:
         weights = {name: torch.from_numpy(content[name]) for name in content.files if name != "about"}
         info = WeightsInfo(**json.loads(str(content["about"])))
+        if odd := [name for name, values in weights.items() if torch.isnan(values).any()]:
+            raise ValueError(f"not a number: {', '.join(odd)}")
     if info.kind != kind:
         raise PolicyError(f"{path} holds {info.kind}, not {kind}")
     return weights, info

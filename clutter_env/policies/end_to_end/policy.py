@@ -35,7 +35,7 @@ from clutter_env.policies.end_to_end.network import (
 from clutter_env.policies.motion.control import stay
 from clutter_env.policies.parsed_observation import Observation, ParsedObservation, parse_observation, planar_pose
 from clutter_env.policies.protocol import SKILLS, PublicInfo
-from clutter_env.policies.weights import WeightsInfo, load_weights
+from clutter_env.policies.weights import WeightsInfo, damage_refused, load_weights
 from clutter_env.scene.layout import Layout, find_layout
 
 Array = NDArray[np.float64]
@@ -94,9 +94,10 @@ class EndToEndPolicy:
     def load(cls, path: Path) -> EndToEndPolicy:
         """Load the policy from a file of weights. Raise `PolicyError`, see `load_weights`."""
         weights, info = load_weights(path, KIND)
-        network = EndToEndNetwork(len(weights["anchor.bias"]))
-        network.load_state_dict(weights)
-        return cls(network, assets.robot(info.robot), find_layout(info.layout), info)
+        with damage_refused(path):
+            network = EndToEndNetwork(len(weights["anchor.bias"]))
+            network.load_state_dict(weights)
+            return cls(network, assets.robot(info.robot), find_layout(info.layout), info)
 
     def check(self, public: PublicInfo) -> None:
         """Refuse an environment with another robot or layout (`PolicyError`)."""

@@ -25,7 +25,7 @@ from clutter_env.policies.high_level.candidates import (
 from clutter_env.policies.high_level.network import CandidateBatch, CandidateNetwork
 from clutter_env.policies.parsed_observation import Observation
 from clutter_env.policies.protocol import PublicInfo
-from clutter_env.policies.weights import WeightsInfo, load_weights
+from clutter_env.policies.weights import WeightsInfo, damage_refused, load_weights
 from clutter_env.scene.layout import find_layout
 from clutter_env.scene.object_sets import OBJECT_SETS
 from planners import Body, Contact
@@ -112,9 +112,11 @@ class LearnedHighLevelPolicy:
     def load(cls, path: Path) -> LearnedHighLevelPolicy:
         """Load the policy from a file of weights. Raise `PolicyError`, see `load_weights`."""
         weights, info = load_weights(path, "decisions")
-        network = CandidateNetwork(len(weights["contact.bias"]))
-        network.load_state_dict(weights)
-        return cls(network, CandidateRule(assets.robot(info.robot), find_layout(info.layout), info.grasps), info)
+        with damage_refused(path):
+            network = CandidateNetwork(len(weights["contact.bias"]))
+            network.load_state_dict(weights)
+            rule = CandidateRule(assets.robot(info.robot), find_layout(info.layout), info.grasps)
+        return cls(network, rule, info)
 
     def check(self, public: PublicInfo) -> None:
         """Refuse an environment with another robot or layout (`PolicyError`)."""

@@ -15,7 +15,7 @@ from torch import nn
 from torch.nn import functional
 
 from clutter_env.policies.parsed_observation import ParsedObservation, planar_pose
-from clutter_env.policies.weights import WeightsInfo, load_weights
+from clutter_env.policies.weights import WeightsInfo, damage_refused, load_weights
 from clutter_env.scene.keep_out import KeepOutRegion
 from planners import Contact
 
@@ -154,11 +154,12 @@ class KeyframeNetwork(nn.Module):
     def load(cls, path: Path) -> tuple[KeyframeNetwork, WeightsInfo]:
         """Load a network and its `WeightsInfo` from a file. Raise `PolicyError`, see `load_weights`."""
         weights, info = load_weights(path, "motions")
-        home, lower, upper = (weights[name].tolist() for name in ("home", "lower", "upper"))
-        network = cls(home, lower, upper, len(weights["layers.0.bias"]), is_under_shelf="shown" in weights)
-        if network.is_under_shelf:
-            network.shown = weights["shown"]
-        network.load_state_dict(weights)
+        with damage_refused(path):
+            home, lower, upper = (weights[name].tolist() for name in ("home", "lower", "upper"))
+            network = cls(home, lower, upper, len(weights["layers.0.bias"]), is_under_shelf="shown" in weights)
+            if network.is_under_shelf:
+                network.shown = weights["shown"]
+            network.load_state_dict(weights)
         return network, info
 
 

@@ -25,6 +25,7 @@ from clutter_env.policies.end_to_end.network import KEYFRAME_SIZE, NO_PHASE, NOM
 from clutter_env.policies.high_level.candidates import CandidateRule, object_rows
 from clutter_env.policies.motion.arm import nearest_home
 from clutter_env.policies.parsed_observation import wrapped
+from clutter_env.policies.weights import damage_refused
 from clutter_env.reporting.files import written_atomically
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout
 from clutter_env.seeds import training_seeds
@@ -219,8 +220,8 @@ class Examples:
 
     @classmethod
     def load(cls, path: Path) -> Examples:
-        """Read a file of `save`."""
-        with np.load(path, allow_pickle=False) as content:
+        """Read a file of `save`. Raises `PolicyError` if it is damaged."""
+        with damage_refused(path), np.load(path, allow_pickle=False) as content:
             return cls(
                 *(kind(*(content[f"{name}.{one.name}"] for one in fields(kind))) for name, kind in _KINDS.items())
             )
@@ -240,14 +241,17 @@ def examples_of_plans(directory: Path, plans: int, seed: int = 0) -> Examples:
     Args:
         directory: of the files.
         plans: how many at least.
-        seed: of the run: the scenes follow from it.
+        seed: of the run. It chooses one of four sets of scenes, by its remainder.
+
+    Raises:
+        PolicyError: a file is damaged.
     """
-    parts = []
+    parts, wanted = [], min(_PER_FILE, plans)
     for number in range(math.ceil(plans / _PER_FILE)):
-        path = directory / f"plans-{number:04d}.npz"
+        first = _FIRST_SEED + seed % 4 * 100_000 + number * _SEEDS_OF_A_FILE
+        path = directory / f"plans-{first}-{wanted}.npz"  # other scenes, or fewer, have a file of their own
         if not path.exists():
-            first = _FIRST_SEED + seed % 4 * 100_000 + number * _SEEDS_OF_A_FILE
-            _plans(training_seeds(first, _SEEDS_OF_A_FILE), min(_PER_FILE, plans)).save(path)
+            _plans(training_seeds(first, _SEEDS_OF_A_FILE), wanted).save(path)
             _log.info("%s", path)
         parts.append(Examples.load(path))
     return Examples.joined(parts)

@@ -104,6 +104,13 @@ def fit(examples: Examples, cells: NDArray[np.float64], steps: Steps, seed: int,
     return network
 
 
+def _some(rows: NDArray[np.intp], what: str) -> NDArray[np.intp]:
+    """Rows to draw from, at least one. Raises `LearningError`."""
+    if not len(rows):
+        raise LearningError(f"the plans do not show {what}: there is nothing to learn from; use more scenes")
+    return rows
+
+
 class _Parts:
     """The parts of the network: each gives its parameters, and the loss of a step."""
 
@@ -118,8 +125,8 @@ class _Parts:
         """What is reached, and what is in the way."""
         network, rng = self._network, self._rng
         picks, labels = self._examples.picks, self._examples.place_labels
-        reached = np.argwhere(picks.is_reached)
-        reached_places = np.flatnonzero(labels.is_reached)
+        reached = _some(np.argwhere(picks.is_reached), "a grasp within reach")
+        reached_places = _some(np.flatnonzero(labels.is_reached), "a place within reach")
 
         def loss(step: int) -> torch.Tensor:
             is_mirrored = bool(step % 2)
@@ -157,7 +164,7 @@ class _Parts:
         right = picks.is_right[..., None] & picks.is_reached & (picks.blockers == 0)
         exact = np.flatnonzero(picks.direction >= 0)
         right[exact, picks.index[exact], picks.direction[exact]] = True
-        usable = np.flatnonzero(right.any(axis=(1, 2)))
+        usable = _some(np.flatnonzero(right.any(axis=(1, 2))), "a right first pick")
         parts = (network.preference, network.object)
 
         def loss(step: int) -> torch.Tensor:
@@ -186,7 +193,7 @@ class _Parts:
         """Where the held object is put down: the plan's cell."""
         network, rng, cells = self._network, self._rng, self._cells
         places = self._examples.places
-        usable = np.flatnonzero(places.cell >= 0)
+        usable = _some(np.flatnonzero(places.cell >= 0), "a place on the grid of cells")
         judged = self._judged(places)
 
         def loss(step: int) -> torch.Tensor:
@@ -207,12 +214,13 @@ class _Parts:
     def keyframes(self) -> _Part:
         """The next phase and its keyframe."""
         network, rng, rows = self._network, self._rng, self._examples.keyframes
-        usable, counts, weights = np.flatnonzero(rows.is_straight), phase_weights(), _keyframe_weights()
+        usable = _some(np.flatnonzero(rows.is_straight), "a straight motion")
+        counts, weights = phase_weights(), _keyframe_weights()
         shares = np.cumsum(counts[rows.phase[usable]]) / counts[rows.phase[usable]].sum()
         rules, at_contact = recoveries(), [PHASES.index(phase) for phase in ("transit", *LINES)]
         # A plan's base may also stand as no direction has it.
         near = np.array([nearest_direction(*yaws)[1] < _EXACT for yaws in rows.yaws.astype(float)])
-        drives = np.flatnonzero((rows.phase == PHASES.index("drive")) & near)
+        drives = _some(np.flatnonzero((rows.phase == PHASES.index("drive")) & near), "a drive to a contact")
         parts = (network.phase, network.context, network.keyframe, network.stand)
 
         def loss(step: int) -> torch.Tensor:

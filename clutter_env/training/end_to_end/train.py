@@ -37,18 +37,21 @@ def train_end_to_end(
         steps: gradient steps.
 
     Raises:
-        LearningError: fewer than one plan, or the plans show no pick and place.
+        LearningError: fewer than one plan, a negative seed, or the plans show no pick and place.
+        PolicyError: a file of examples is damaged.
     """
-    if plans < 1:
-        raise LearningError(f"scenes={plans} is not valid; it must be at least 1")
+    for name, value, least in (("scenes", plans, 1), ("seed", seed, 0)):
+        if value < least:
+            raise LearningError(f"{name}={value} is not valid; it must be at least {least}")
     torch.set_num_threads(1)
     started = time.process_time()
     examples = examples_of_plans(directory / "plans", plans, seed)
-    log(f"{len(examples.picks.seed)} picks of {plans} plans after {time.process_time() - started:.0f} s of CPU time")
+    found = len(set(examples.picks.seed.tolist()))
+    log(f"{len(examples.picks.seed)} picks of {found} plans after {time.process_time() - started:.0f} s of CPU time")
     env = gym.make("clutter_env/Retrieve-o15-v0")
     network = fit(examples, table_cells(env.get_wrapper_attr("layout")), steps, seed, log)
     info = trained_in(env, KIND, "side")
-    spent = {"plans": plans, "seed": seed, "cpu_s": round(time.process_time() - started)}
+    spent = {"plans": found, "seed": seed, "cpu_s": round(time.process_time() - started)}
     info = replace(info, provenance={**info.provenance, "trained_with": spent})
     save_weights(directory / WEIGHTS_FILE, network, info)
     log(f"{directory / WEIGHTS_FILE} after {time.process_time() - started:.0f} s of CPU time")

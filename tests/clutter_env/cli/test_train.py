@@ -74,8 +74,16 @@ def test_the_weights_of_the_last_step_are_measured(tmp_path: Path, capsys: pytes
 
 
 def test_end_to_end_learns_from_plans_of_its_own_scenes_alone() -> None:
-    for words in (["--env", "clutter_env/Pick-v0"], ["--obstructed"], ["--seeds", "2"]):
+    for words in (
+        ["--env", "clutter_env/Pick-v0"],
+        ["--obstructed"],
+        ["--seeds", "2"],
+        ["--resume"],
+        ["--workers", "1"],
+    ):
         with pytest.raises(SystemExit, match="--scenes, --seed and --out alone"):
             main(["train", "end-to-end", *words])
     with pytest.raises(LearningError, match="--scenes, --seed and --out alone"):
         imitate_plans(Arguments("end-to-end", layout="dense"))
+    with pytest.raises(SystemExit, match="--scenes is of end-to-end"):
+        main(["train", "sac", "--scenes", "20"])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import shutil
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -21,8 +23,11 @@ from clutter_env.policies.end_to_end.anchors import (
 from clutter_env.policies.end_to_end.controller import PHASES, Controller, Keyframe
 from clutter_env.policies.end_to_end.differential_ik import DifferentialIK
 from clutter_env.policies.end_to_end.network import EndToEndNetwork, Scenes, Tables
-from clutter_env.policies.end_to_end.policy import EndToEndPolicy
+from clutter_env.policies.end_to_end.policy import KIND, EndToEndPolicy
 from clutter_env.policies.parsed_observation import parse_observation
+from clutter_env.policies.protocol import PolicyError
+from clutter_env.policies.registry import load_policy, policy_families, policy_files
+from clutter_env.policies.weights import shipped_path
 from clutter_env.scene.layout import find_layout
 from irm import ArmChain
 from irm.kinematics import forward
@@ -154,3 +159,25 @@ def test_a_fallen_object_is_the_cylinder_around_it() -> None:
     assert not after.can_be_taken[0]
     radius, height = before.rows[0, 3:]
     np.testing.assert_allclose(after.rows[0, 3:], (height / 2, 2 * radius), rtol=1e-5)
+
+
+def test_a_file_of_other_content_is_refused(tmp_path: Path) -> None:
+    """A foreign key, a missing one and what is no number ended with a traceback, or played."""
+    weights = dict(np.load(shipped_path(KIND, "side")))
+    for name, changed in {
+        "missing": {key: value for key, value in weights.items() if key != "anchor.bias"},
+        "width": {**weights, "anchor.bias": weights["anchor.bias"][:-1]},
+        "no number": {**weights, "anchor.bias": np.full_like(weights["anchor.bias"], np.nan)},
+    }.items():
+        np.savez(tmp_path / f"{name}.npz", **changed)
+        with pytest.raises(PolicyError, match=rf"{name}.npz is damaged"):
+            load_policy(f"end-to-end:{tmp_path / name}.npz", 0)
+    with pytest.raises(PolicyError, match="names no file"):
+        load_policy("end-to-end:", 0)
+
+
+def test_weights_of_a_file_play_retrieve_alone_and_are_hashed(tmp_path: Path) -> None:
+    file = tmp_path / "weights"
+    shutil.copy(shipped_path(KIND, "side"), file)
+    assert policy_families(f"end-to-end:{file}") == policy_families("end-to-end") == ("retrieve",)
+    assert list(policy_files(f"end-to-end:{file}").values()) == list(policy_files("end-to-end").values())

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from clutter_env.errors import LearningError
-from clutter_env.policies.protocol import PublicInfo
+from clutter_env.policies.protocol import PolicyError, PublicInfo
 from clutter_env.policies.registry import load_policy, policy_files
+from clutter_env.training.end_to_end import examples as examples_module
 from clutter_env.training.end_to_end.examples import Examples, examples_of_plans
 from clutter_env.training.end_to_end.fit import Steps, recoveries
 from clutter_env.training.end_to_end.right_choices import right_objects
@@ -82,3 +83,24 @@ def test_a_short_training_gives_a_policy_and_keeps_its_examples(directory: Path)
         observation, *_ = env.step(policy.act(observation))
     with pytest.raises(LearningError, match="at least 1"):
         train_end_to_end(directory, 0)
+
+
+def test_plans_of_another_seed_or_number_are_not_taken_for_those_that_are_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = list[tuple[int, int]]()
+
+    def planned(seeds: range, wanted: int) -> Examples:
+        asked.append((seeds.start, wanted))
+        raise LearningError("asked")
+
+    monkeypatch.setattr(examples_module, "_plans", planned)
+    for plans, seed in ((6, 0), (40, 0), (6, 3)):
+        with pytest.raises(LearningError, match="asked"):
+            examples_of_plans(tmp_path, plans, seed)
+    (tmp_path / f"plans-{asked[0][0]}-6.npz").write_bytes(b"PK damaged")
+    with pytest.raises(PolicyError, match="damaged"):
+        examples_of_plans(tmp_path, 6, 0)
+    assert len(set(asked)) == 3
+    with pytest.raises(LearningError, match="seed=-1"):
+        train_end_to_end(tmp_path, 1, -1)
