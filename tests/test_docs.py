@@ -252,7 +252,7 @@ def test_readme_says_of_the_expert_what_its_files_say() -> None:
 
 
 def test_the_figures_with_a_file_are_bold_and_no_others() -> None:
-    policies = ("lookahead", "keyframes", "end-to-end", "greedy", "direct-approach")
+    policies = ("lookahead", "keyframes", "end-to-end", "greedy")
     files = {file.name.removesuffix(".json.xz") for file in (ROOT / "results").glob("*.xz")}
     for cells in rows("docs/results.md", "## Policies on suites"):
         suite = cells[0].split("`")[1]
