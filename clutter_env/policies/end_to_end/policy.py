@@ -34,7 +34,7 @@ from clutter_env.policies.end_to_end.network import (
 )
 from clutter_env.policies.motion.control import stay
 from clutter_env.policies.parsed_observation import Observation, ParsedObservation, parse_observation, planar_pose
-from clutter_env.policies.protocol import SKILLS, PublicInfo
+from clutter_env.policies.protocol import SKILLS, PolicyError, PublicInfo
 from clutter_env.policies.weights import WeightsInfo, damage_refused, load_weights
 from clutter_env.scene.layout import Layout, find_layout
 
@@ -100,7 +100,11 @@ class EndToEndPolicy:
             return cls(network, assets.robot(info.robot), find_layout(info.layout), info)
 
     def check(self, public: PublicInfo) -> None:
-        """Refuse an environment with another robot or layout (`PolicyError`)."""
+        """Refuse an environment with another robot, layout, task or kind of actions (`PolicyError`)."""
+        found = (public.family, public.control_mode, public.acts_by_skills)
+        if found != ("retrieve", "joint", False):
+            acts = "skills" if public.acts_by_skills else f"control_mode={public.control_mode!r}"
+            raise PolicyError(f"end-to-end plays Retrieve with control_mode='joint', not {public.family} with {acts}")
         self.info.check(public)
 
     def reset(self, info: Mapping[str, Any]) -> None:  # noqa: ARG002  part of the protocol

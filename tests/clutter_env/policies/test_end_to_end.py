@@ -25,7 +25,7 @@ from clutter_env.policies.end_to_end.differential_ik import DifferentialIK
 from clutter_env.policies.end_to_end.network import EndToEndNetwork, Scenes, Tables
 from clutter_env.policies.end_to_end.policy import KIND, EndToEndPolicy
 from clutter_env.policies.parsed_observation import parse_observation
-from clutter_env.policies.protocol import PolicyError
+from clutter_env.policies.protocol import PolicyError, PublicInfo
 from clutter_env.policies.registry import load_policy, policy_families, policy_files
 from clutter_env.policies.weights import shipped_path
 from clutter_env.scene.layout import find_layout
@@ -181,3 +181,12 @@ def test_weights_of_a_file_play_retrieve_alone_and_are_hashed(tmp_path: Path) ->
     shutil.copy(shipped_path(KIND, "side"), file)
     assert policy_families(f"end-to-end:{file}") == policy_families("end-to-end") == ("retrieve",)
     assert list(policy_files(f"end-to-end:{file}").values()) == list(policy_files("end-to-end").values())
+
+
+@pytest.mark.parametrize(("env_id", "keywords"), [("Retrieve-o5-v0", {"control_mode": "ee"}), ("Skill-o5-v0", {})])
+def test_other_actions_are_refused(env_id: str, keywords: dict[str, Any]) -> None:
+    env = gym.make(f"clutter_env/{env_id}", **keywords)
+    env.reset(seed=0)
+    with pytest.raises(PolicyError, match="plays Retrieve with control_mode='joint'"):
+        load_policy("end-to-end", 0).check(PublicInfo.of(env))
+    env.close()
