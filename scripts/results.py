@@ -68,9 +68,8 @@ ROWS = (
         Result(name, "lookahead-all")
         for name in ("drawer-5-v1", "cupboard-5-v1", "fridge-10-v1", "blocked-drawer-5-v1")
     ),
-    *(Result("side-15-v3", name) for name in ("keyframes", "greedy", "direct-approach")),
-    *(Result("deep-15-v2", name) for name in ("keyframes", "greedy", "direct-approach")),
-    *(Result(name, "end-to-end") for name in ("side-15-v3", "deep-15-v2")),
+    *(Result("side-15-v3", name) for name in ("keyframes", "end-to-end", "greedy")),
+    *(Result("deep-15-v2", name) for name in ("keyframes", "end-to-end", "greedy")),
 )
 """The results of the repository."""
 
