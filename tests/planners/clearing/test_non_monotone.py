@@ -88,4 +88,5 @@ def test_no_place_is_looked_for_again_for_what_is_held_and_fits_nowhere(scene: S
         outcome = planner.solve(holding, "object_05", TWICE)
     assert isinstance(outcome, Infeasible)
     assert (outcome.cause, outcome.objects) == (Cause.NO_CLEARANCE_LOCATION, ("object_00",))
-    assert find.call_count <= 6  # with all, some and nothing to keep clear of
+    # With all, some and nothing to keep clear of, in two attempts. Then once from many base poses, with all and some.
+    assert find.call_count <= 8
