@@ -61,7 +61,7 @@ def test_one_more_pick_where_there_is_no_room_for_the_fewest() -> None:
 @pytest.mark.slow
 def test_the_search_is_bounded() -> None:
     """A table with no room at all ends with the cause."""
-    found = Planner(FETCH, grasps="side").solve(crowded(4, 16), "object_05", TWICE)
+    found = Planner(FETCH, grasps="side").solve(crowded(1, 16), "object_05", TWICE)
     assert isinstance(found, Infeasible)
     assert found.cause is Cause.NO_CLEARANCE_LOCATION
 
