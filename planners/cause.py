@@ -1,7 +1,7 @@
 """Causes of a solve without a plan.
 
-A cause is found while planning, in `planners.clearing`, and worded in `planners.tamp.explain`. `solve` puts objects
-that are not at rest in its place, which nothing else can be planned for.
+A cause is found while planning, in `planners.clearing`, and worded in `planners.tamp.explain`. If objects of the goal
+are not at rest, `solve` names that as the cause instead.
 """
 
 from __future__ import annotations

@@ -217,15 +217,12 @@ def policy_files(name: str, module_file: str = "") -> dict[str, str]:
         module_file: the file of the user's module, if it is known. Otherwise it is looked up in the current directory.
     """
     files: list[Path] = []
-    if name in _SHIPPED:
+    if name in (*_SHIPPED, END_TO_END):
         from clutter_env.policies.weights import shipped_path  # needs torch
 
-        files = [shipped_path(kind, _SHIPPED[name]) for kind in ("decisions", "motions")]
+        kinds = (END_TO_END,) if name == END_TO_END else ("decisions", "motions")
+        files = [shipped_path(kind, _SHIPPED.get(name, "side")) for kind in kinds]
     module, _, attribute = name.partition(":")
-    if name == END_TO_END:
-        from clutter_env.policies.weights import shipped_path  # needs torch
-
-        files = [shipped_path(END_TO_END, "side")]
     if is_run(name) or module == LEROBOT:
         folder = Path(attribute if module == LEROBOT else name)  # of a results file, it may not be here
         files = sorted(path for path in folder.glob("*") if path.is_file() and path.suffix not in _LOGS)

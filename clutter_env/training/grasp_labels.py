@@ -1,9 +1,12 @@
-"""Labels of candidate picks and places by the planner's geometry: whether each is reached, and what is in its way."""
+"""Labels of candidate picks and places by the planner's geometry: whether each is reached, and what is in its way.
+
+`scene_of` gives the scene of an environment, of which the labels are.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,3 +57,9 @@ def label(scene: Scene, candidates: Candidates, bodies: Sequence[Body]) -> Label
             best = np.lexsort((-found.quality, np.bitwise_count(found.hits)))[0]
             labels.is_reached[row], labels.blockers[row] = True, found.hits[best]
     return labels
+
+
+def scene_of(env: Any, held: str = "") -> Scene:
+    """The planner's view of an environment as it is now, with exact poses."""
+    own = env.unwrapped
+    return Scene.from_mujoco(own.model, own.data, own.robot, held, movable=own.object_names, support=own.support_name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -187,18 +187,22 @@ def _hands(
     is_under = is_covered(scene, np.append(middle, place.face.top))
     views = [view for view, _ in in_any_hand(candidates, scene, body)]
     for view in sorted(views, key=lambda view: -release_pitch(body, in_hand(view)[0])):  # from above first
-        found: dict[tuple[float, float, Yaws], Array] = {}
-        everywhere = locations_in(
-            view, in_hand(view)[1], place, (), (), lambda points: np.ones(len(points), np.bool_), pitch
-        )
-        for point, yaws in itertools.chain([(middle, (place.yaw,))], everywhere):
-            if not apart or all(key[2] != yaws or np.hypot(*(point - at)) >= apart for key, at in found.items()):
-                found[*point, yaws] = point
-            if len(found) == most:
-                break
-        poses = np.concatenate([wanted_poses(view, place, point, yaws) for (*_, yaws), point in found.items()])
         held, in_it = in_hand(view)
+        everywhere = locations_in(view, in_it, place, (), (), lambda points: np.ones(len(points), np.bool_), pitch)
+        found = _spread(itertools.chain([(middle, (place.yaw,))], everywhere), most, apart)
+        poses = np.concatenate([wanted_poses(view, place, point, yaws) for point, yaws in found])
         yield _Hand(view, poses, opening_around(view.robot, in_it, held), is_under)
+
+
+def _spread(locations: Iterable[tuple[Array, Yaws]], most: float, apart: float) -> list[tuple[Array, Yaws]]:
+    """The first `most` locations that are `apart` [m] or have other yaws. With 0, all that differ."""
+    found: dict[tuple[float, float, Yaws], Array] = {}
+    for point, yaws in locations:
+        if not apart or all(key[2] != yaws or np.hypot(*(point - other)) >= apart for key, other in found.items()):
+            found[*point, yaws] = point
+        if len(found) == most:
+            break
+    return [(point, yaws) for (*_, yaws), point in found.items()]
 
 
 def _world(scene: Scene, place: Place) -> CollisionWorld:

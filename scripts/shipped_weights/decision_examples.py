@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from clutter_env.policies.high_level.candidates import CandidateRule, Candidates, ObservedScene, object_rows
 from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy
-from clutter_env.training.grasp_labels import label
+from clutter_env.training.grasp_labels import label, scene_of
 from planners import (
     Body,
     Contact,
@@ -27,7 +27,6 @@ from planners import (
     stand_at,
 )
 from scripts.shipped_weights.descent import ExampleArrays
-from scripts.shipped_weights.planned import scene_of
 
 Array = NDArray[np.float64]
 

@@ -37,6 +37,7 @@ from clutter_env.policies.motion.network import (
     phase_index,
 )
 from clutter_env.policies.parsed_observation import ParsedObservation, parse_observation, planar_pose, wrapped
+from clutter_env.training.grasp_labels import scene_of
 from planners import (
     BACK,
     CONTROL_STEP,
@@ -51,7 +52,6 @@ from planners import (
     label_of,
 )
 from scripts.shipped_weights.descent import ExampleArrays
-from scripts.shipped_weights.planned import scene_of
 
 Array = NDArray[np.float64]
 

@@ -9,11 +9,11 @@ import gymnasium as gym
 import numpy as np
 
 from clutter_env.policies.parsed_observation import Observation, parse_observation
+from clutter_env.training.grasp_labels import scene_of
 from planners import (
     Contact,
     Infeasible,
     Planner,
-    Scene,
     SceneError,
     contacts,
     controlled_env,
@@ -96,9 +96,3 @@ class PlannedHighLevelPolicy:
             self.failure = f"{outcome.cause}: {outcome.detail}"
             return
         self._remaining = list(contacts(outcome))
-
-
-def scene_of(env: Any, held: str = "") -> Scene:
-    """The planner's view of an environment as it is now, with exact poses."""
-    own = env.unwrapped
-    return Scene.from_mujoco(own.model, own.data, own.robot, held, movable=own.object_names, support=own.support_name)

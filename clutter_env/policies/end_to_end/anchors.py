@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.envs.observation import OBSERVATION_LAYOUT
-from clutter_env.policies.parsed_observation import ParsedObservation, planar_pose
+from clutter_env.policies.parsed_observation import ParsedObservation, planar_pose, wrapped
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout
 
 Array = NDArray[np.float64]
@@ -33,8 +33,7 @@ OBJECT_COLUMNS = ("x", "y", "bottom", "radius", "height")
 
 
 def _grasp_directions() -> Array:
-    yaws = np.arange(_DIRECTIONS) * (2 * math.pi / _DIRECTIONS)
-    yaws = np.remainder(yaws + math.pi, 2 * math.pi) - math.pi
+    yaws = wrapped(np.arange(_DIRECTIONS) * (2 * math.pi / _DIRECTIONS))
     every = np.array([(yaw, yaw - turn) for yaw in yaws for turn in _TURNS])
     return every[np.abs(every[:, 1]) < _WIDEST_YAW]
 
@@ -45,7 +44,7 @@ DIRECTIONS = _grasp_directions()
 
 def nearest_direction(yaw: float, base_yaw: float) -> tuple[int, float]:
     """Index of the direction nearest to yaws of gripper and base [rad], and how far [rad] it is off."""
-    away = np.abs(np.remainder(DIRECTIONS - (yaw, base_yaw) + math.pi, 2 * math.pi) - math.pi).max(axis=1)
+    away = np.abs(wrapped(DIRECTIONS - (yaw, base_yaw))).max(axis=1)
     return int(away.argmin()), float(away.min())
 
 

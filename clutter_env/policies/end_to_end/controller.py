@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets import RobotSpec
+from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.policies.end_to_end.differential_ik import DifferentialIK
 from clutter_env.policies.motion.arm import shorter_turns
 from clutter_env.policies.motion.control import action_towards, error_to
@@ -26,6 +27,7 @@ LINES = ("approach", "lift", "lower", "rise")
 FINGERS = ("ready", "close", "open")
 """Only the fingers move."""
 
+_HELD = OBSERVATION_LAYOUT["objects"].index("held")
 _AHEAD = 0.05
 """[m] On a line the gripper goes to the point this far ahead."""
 _BACK = 1.0
@@ -95,7 +97,7 @@ class Controller:
         """The next action (12,) of "joint" control."""
         keyframe, goal = self._keyframe, self._goal(seen)
         self._steps += 1
-        is_loaded = bool((seen.objects[:, -1] > 0).any())
+        is_loaded = bool((seen.objects[:, _HELD] > 0).any())
         return action_towards(self._robot, seen, goal, self._finger(seen), is_loaded and keyframe.phase == "drive")
 
     def update(self, seen: ParsedObservation) -> None:

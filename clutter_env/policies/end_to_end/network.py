@@ -21,6 +21,7 @@ from torch.nn import functional
 
 from clutter_env.policies.end_to_end.anchors import DIRECTIONS
 from clutter_env.policies.end_to_end.controller import PHASES
+from clutter_env.policies.high_level.network import turned
 
 _OWN, _PAIR, _SITUATION = 15, 22, 24
 _NEAR = (5.0, 20.0, 60.0)
@@ -277,7 +278,7 @@ class EndToEndNetwork(nn.Module):
     def keyframes(
         self, phase: torch.Tensor, situation: torch.Tensor, pairs: torch.Tensor, is_there: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Logits (b, m) and keyframes (b, m, 15) of a mixture. Their part `BASE` is that of `stands`.
+        """Logits (b, m) and keyframes (b, m, 15) of a mixture. Their part `BASE` is not trained: see `stands`.
 
         Args:
             phase: (b,) number of the phase.
@@ -324,8 +325,8 @@ def own_features(own: torch.Tensor, yaws: torch.Tensor, is_place: bool) -> torch
 def pair_features(own: torch.Tensor, yaws: torch.Tensor, others: torch.Tensor) -> torch.Tensor:
     """(..., n, 22) Other objects (..., n, 5) in the frames of gripper and base at an object (..., 5), and sizes."""
     offset = others[..., :2] - own[..., None, :2]
-    ahead, aside = _turned(offset, yaws[..., 0])
-    before, beside = _turned(offset, yaws[..., 1])
+    ahead, aside = turned(offset, yaws[..., 0])
+    before, beside = turned(offset, yaws[..., 1])
     radius, height = others[..., 3], others[..., 4]
     top = others[..., 2] + height - own[..., None, 2]
     gap = (offset.square().sum(dim=-1) + 1e-8).sqrt() - radius - own[..., None, 3]
@@ -352,19 +353,12 @@ def situation_features(
     features = own_features(own, yaws, False)
     heading = yaws[:, 1]
     offset = own[:, :2] - base[:, :2]
-    along, across = _turned(offset[:, None], heading)
+    along, across = turned(offset[:, None], heading)
     near = torch.cat((along - NOMINAL_DISTANCE, across), dim=1)
     turn = torch.sin(base[:, 2] - heading)[:, None]
     return torch.cat(
         (features, is_place.float()[:, None], torch.tanh(2 * near), torch.tanh(10 * near), turn, 10 * in_hand), dim=1
     )
-
-
-def _turned(offset: torch.Tensor, yaw: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Offsets (..., n, 2) ahead and to the left of headings (...)."""
-    cosine, sine = torch.cos(yaw)[..., None], torch.sin(yaw)[..., None]
-    x, y = offset.unbind(-1)
-    return cosine * x + sine * y, cosine * y - sine * x
 
 
 def _layers(*sizes: int) -> nn.Sequential:

@@ -1,6 +1,8 @@
 """The end-to-end policy: after each motion its network says where to go next, and a fixed controller goes there.
 
-Its only inputs are observations and its own last decision. It has no planner, no inverse map and no model of contacts.
+Its inputs are observations, and what it remembers: its last decision, whether that failed, and where it took the held
+object from. It knows the robot's kinematics and the size of the table. It has no planner, no reachability map and no
+model of contacts.
 """
 
 from __future__ import annotations
@@ -43,7 +45,7 @@ Array = NDArray[np.float64]
 KIND = "end-to-end"
 """Of the weights."""
 _HOLD_STEPS = 20
-"""Control steps with the target in the gripper before the policy has finished: twice the time required for success."""
+"""Decisions after a retreat with the target in the gripper, after which the policy has finished."""
 _MOST_DECISIONS = 12 * SKILLS
 """Keyframes of an episode: about those of the skills that other policies have."""
 _BEFORE_CLOSED = ("drive", "ready", "transit", "approach")

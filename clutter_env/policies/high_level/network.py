@@ -95,8 +95,8 @@ def _own_features(batch: CandidateBatch) -> torch.Tensor:
 def _other_features(batch: CandidateBatch) -> torch.Tensor:
     """(m, n, 18) The other objects in the frame of the gripper and in that of the base, and their sizes."""
     offset = batch.others[..., :2] - batch.tcp[:, None, :2]
-    ahead, aside = _turned(offset, batch.tcp[:, 3])
-    before, beside = _turned(offset, batch.base[:, 2])
+    ahead, aside = turned(offset, batch.tcp[:, 3])
+    before, beside = turned(offset, batch.base[:, 2])
     radius, height = batch.others[..., 3], batch.others[..., 4]
     top = batch.others[..., 2] + height - batch.tcp[:, None, 2]
     gap = offset.norm(dim=-1) - radius - batch.own[:, None, 3]
@@ -108,8 +108,8 @@ def _other_features(batch: CandidateBatch) -> torch.Tensor:
     return torch.stack(features, dim=-1)
 
 
-def _turned(offset: torch.Tensor, yaw: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Offsets (m, n, 2) ahead and to the left of a heading (m,)."""
-    cosine, sine = torch.cos(yaw)[:, None], torch.sin(yaw)[:, None]
+def turned(offset: torch.Tensor, yaw: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Offsets (..., n, 2) ahead and to the left of headings (...)."""
+    cosine, sine = torch.cos(yaw)[..., None], torch.sin(yaw)[..., None]
     x, y = offset.unbind(-1)
     return cosine * x + sine * y, cosine * y - sine * x

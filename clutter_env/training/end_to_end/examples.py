@@ -30,7 +30,7 @@ from clutter_env.reporting.files import written_atomically
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout
 from clutter_env.seeds import training_seeds
 from clutter_env.training.end_to_end.right_choices import right_objects
-from clutter_env.training.grasp_labels import label
+from clutter_env.training.grasp_labels import label, scene_of
 from planners import (
     BoundAction,
     Contact,
@@ -267,7 +267,7 @@ def _plans(seeds: range, wanted: int) -> Examples:
         env = envs[_COUNTS[number % len(_COUNTS)]]
         try:
             _, info = env.reset(seed=seed)
-            solution = planner.solve(_scene_of(env), info["target"])
+            solution = planner.solve(scene_of(env), info["target"])
         except SceneError:
             continue
         if isinstance(solution, Solution):
@@ -279,11 +279,6 @@ def _plans(seeds: range, wanted: int) -> Examples:
 
 def _env(objects: int, is_obstructed: bool) -> gym.Env[Any, Any]:
     return gym.make(f"clutter_env/Retrieve-o{objects}-v0", obstructed=is_obstructed)
-
-
-def _scene_of(env: gym.Env[Any, Any]) -> Scene:
-    own: Any = env.unwrapped
-    return Scene.from_mujoco(own.model, own.data, own.robot, movable=own.object_names, support=own.support_name)
 
 
 class _Contact:

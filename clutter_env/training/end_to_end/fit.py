@@ -44,7 +44,7 @@ _PLAN_DIRECTION, _PLAN_OBJECT = 0.5, 0.15
 _AT_ONCE = 8
 """Scenes whose tables are computed together."""
 _RATES = {"tables": 3e-3, "pointer": 5e-3, "places": 5e-3, "keyframes": 2e-3}
-"""Highest learning rates."""
+"""Highest learning rates of the parts, in the order in which they are fitted."""
 _WARM_UP = 50
 """Steps in which the learning rate rises."""
 _BASE_NOISE, _HAND_NOISE = (0.006, 0.006, 0.008), 0.01
@@ -88,18 +88,15 @@ def fit(examples: Examples, cells: NDArray[np.float64], steps: Steps, seed: int,
         log: is told the loss of each part.
 
     Raises:
-        LearningError: there is no pick or no place among the examples.
+        LearningError: the examples lack what a part learns from.
     """
-    if not len(examples.picks.seed) or not len(examples.places.seed):
-        raise LearningError("the plans show no pick and place: there is nothing to learn from; use more scenes")
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
     network = EndToEndNetwork()
     parts = _Parts(network, examples, torch.tensor(cells, dtype=torch.float32), rng)
-    rest = ((parts.pointer, "pointer"), (parts.places, "places"), (parts.keyframes, "keyframes"))
-    for begin, name in ((parts.tables, "tables"), *rest):
-        parameters, loss = begin()
-        last = _descend(parameters, getattr(steps, name), loss, _RATES[name])
+    for name, rate in _RATES.items():
+        parameters, loss = getattr(parts, name)()
+        last = _descend(parameters, getattr(steps, name), loss, rate)
         log(f"{name}: loss {last:.3f}")
     return network
 
@@ -215,7 +212,7 @@ class _Parts:
         """The next phase and its keyframe."""
         network, rng, rows = self._network, self._rng, self._examples.keyframes
         usable = _some(np.flatnonzero(rows.is_straight), "a straight motion")
-        counts, weights = phase_weights(), _keyframe_weights()
+        counts, weights = _phase_weights(), _keyframe_weights()
         shares = np.cumsum(counts[rows.phase[usable]]) / counts[rows.phase[usable]].sum()
         rules, at_contact = recoveries(), [PHASES.index(phase) for phase in ("transit", *LINES)]
         # A plan's base may also stand as no direction has it.
@@ -231,7 +228,6 @@ class _Parts:
             base = base + torch.randn(base.shape) * torch.tensor(_BASE_NOISE)
             shift = torch.randn(in_hand.shape) * _HAND_NOISE * torch.from_numpy(rows.held[some] >= 0)[:, None]
             in_hand = in_hand + shift
-            situation = situation_features(own, yaws, torch.from_numpy(rows.is_place[some]), base, in_hand)
             each = np.arange(objects.shape[1])
             is_there = (each < rows.size[some, None]) & (each != rows.index[some, None])
             keyframe = torch.from_numpy(rows.keyframe[some])
@@ -247,7 +243,7 @@ class _Parts:
                     in_hand * _side_of((0, 1, 0), sides),
                 )
                 keyframe = keyframe * _side_of(_ODD, sides)
-                situation = situation_features(own, yaws, torch.from_numpy(rows.is_place[some]), base, in_hand)
+            situation = situation_features(own, yaws, torch.from_numpy(rows.is_place[some]), base, in_hand)
             modes, found = network.keyframes(
                 phase, situation, pair_features(own, yaws, objects), torch.from_numpy(is_there)
             )
@@ -387,7 +383,7 @@ def _mirrored_directions() -> Index:
     return np.abs(np.remainder(away + math.pi, 2 * math.pi) - math.pi).max(axis=2).argmin(axis=1)
 
 
-def phase_weights() -> NDArray[np.float64]:
+def _phase_weights() -> NDArray[np.float64]:
     """(p,) How often examples of each phase are drawn: motions of the arm and of the base more than others."""
     often = ("drive", "transit", "approach", "lower")
     return np.array([1.0 if phase in often else 0.3 for phase in PHASES])

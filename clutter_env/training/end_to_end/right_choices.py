@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-MOST_CLEARANCES = 5
+_MOST_CLEARANCES = 5
+"""Clearances up to which a sequence is looked for: the sets of objects grow by a factor with each."""
 _MOST_SETS = 4000
 """Sets of cleared objects that are looked at, at most."""
 
@@ -17,7 +18,7 @@ def right_objects(blockers: Sequence[Iterable[int]], target: int) -> tuple[froze
         target: index of the object to take.
 
     Returns:
-        The target alone if it is free. Nothing, and -1, if more than `MOST_CLEARANCES` are needed.
+        The target alone if it is free. Nothing, and -1, if more than `_MOST_CLEARANCES` are needed.
     """
     masks = [_least(one) for one in blockers]
 
@@ -28,7 +29,7 @@ def right_objects(blockers: Sequence[Iterable[int]], target: int) -> tuple[froze
         return frozenset((target,)), 0
     relevant = _in_the_way(masks, target)
     first = {1 << index: frozenset((index,)) for index in relevant if is_free(index, 0)}
-    for count in range(1, MOST_CLEARANCES + 1):
+    for count in range(1, _MOST_CLEARANCES + 1):
         found = [begun for cleared, begun in first.items() if is_free(target, cleared)]
         if found:
             return frozenset().union(*found), count

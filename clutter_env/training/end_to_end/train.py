@@ -37,7 +37,7 @@ def train_end_to_end(
         steps: gradient steps.
 
     Raises:
-        LearningError: fewer than one plan, a negative seed, or the plans show no pick and place.
+        LearningError: fewer than one plan, a negative seed, or the plans lack what a part learns from.
         PolicyError: a file of examples is damaged.
     """
     for name, value, least in (("scenes", plans, 1), ("seed", seed, 0)):

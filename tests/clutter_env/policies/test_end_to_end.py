@@ -29,10 +29,10 @@ from clutter_env.policies.protocol import PolicyError, PublicInfo
 from clutter_env.policies.registry import load_policy, policy_families, policy_files
 from clutter_env.policies.weights import shipped_path
 from clutter_env.scene.layout import find_layout
+from clutter_env.training.grasp_labels import scene_of
 from irm import ArmChain
 from irm.kinematics import forward
 from planners.placing.locations import placement_cells
-from scripts.shipped_weights.planned import scene_of
 
 
 @pytest.fixture(scope="module")
