@@ -90,24 +90,38 @@ class _Arrays:
 
 
 @dataclass(frozen=True, eq=False)
-class PickExamples(_Arrays):
-    """s decisions to pick.
+class _InScenes(_Arrays):
+    """s examples, each in a scene.
 
     Attributes:
         seed: (s,) of the scene.
         objects: (s, n, 5) `anchors.OBJECT_COLUMNS`, 0 beyond `size`.
         size: (s,) number of objects.
-        target: (s,) index.
+    """
+
+    seed: NDArray[np.int64]
+    objects: NDArray[np.float32]
+    size: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class _WithTarget(_InScenes):
+    """s examples of plans for a target, its index `target` (s,)."""
+
+    target: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class PickExamples(_WithTarget):
+    """s decisions to pick.
+
+    Attributes:
         is_reached: (s, n, c) whether each direction is reached.
         blockers: (s, n, c) mask of what is in its way.
         is_right: (s, n) objects that begin a shortest sequence of clearances, or else the plan's.
         index, direction: (s,) of the plan; direction -1 if none is near.
     """
 
-    seed: NDArray[np.int64]
-    objects: NDArray[np.float32]
-    size: NDArray[np.int64]
-    target: NDArray[np.int64]
     is_reached: NDArray[np.bool_]
     blockers: NDArray[np.uint64]
     is_right: NDArray[np.bool_]
@@ -116,21 +130,16 @@ class PickExamples(_Arrays):
 
 
 @dataclass(frozen=True, eq=False)
-class PlaceExamples(_Arrays):
+class PlaceExamples(_WithTarget):
     """s decisions to put down.
 
     Attributes:
-        seed, objects, size, target: as of `PickExamples`.
         held: (s,) index of the held object.
         own: (s, 5) the held object, standing at the plan's place.
         before: (s, 2) [m] where it was taken from.
         cell: (s,) of the plan, -1 if it is between cells.
     """
 
-    seed: NDArray[np.int64]
-    objects: NDArray[np.float32]
-    size: NDArray[np.int64]
-    target: NDArray[np.int64]
     held: NDArray[np.int64]
     own: NDArray[np.float32]
     before: NDArray[np.float32]
@@ -138,11 +147,10 @@ class PlaceExamples(_Arrays):
 
 
 @dataclass(frozen=True, eq=False)
-class PlaceLabels(_Arrays):
+class PlaceLabels(_InScenes):
     """m labelled places.
 
     Attributes:
-        seed, objects, size: of the scene.
         held: (m,) index of the held object.
         own: (m, 5) the object as it would stand there.
         yaws: (m, 2) of gripper and base [rad].
@@ -150,9 +158,6 @@ class PlaceLabels(_Arrays):
         blockers: (m,) mask of what is in the way.
     """
 
-    seed: NDArray[np.int64]
-    objects: NDArray[np.float32]
-    size: NDArray[np.int64]
     held: NDArray[np.int64]
     own: NDArray[np.float32]
     yaws: NDArray[np.float32]
@@ -161,11 +166,10 @@ class PlaceLabels(_Arrays):
 
 
 @dataclass(frozen=True, eq=False)
-class KeyframeExamples(_Arrays):
-    """k keyframes.
+class KeyframeExamples(_WithTarget):
+    """k keyframes. The objects are those when the phase begins.
 
     Attributes:
-        seed, objects, size, target: as of `PickExamples`, when the phase begins.
         phase, last: (k,) numbers of the phase and of the one before.
         held: (k,) index of the held object, -1 without one.
         was_place: (k,) whether the last phase was of a place.
@@ -179,10 +183,6 @@ class KeyframeExamples(_Arrays):
         is_straight: (k,) whether the motion there is straight.
     """
 
-    seed: NDArray[np.int64]
-    objects: NDArray[np.float32]
-    size: NDArray[np.int64]
-    target: NDArray[np.int64]
     phase: NDArray[np.int64]
     last: NDArray[np.int64]
     held: NDArray[np.int64]
